@@ -190,6 +190,40 @@ def test_outliers_and_dropouts_change_nothing(cart: ModuleType) -> None:
     assert estimator.estimate.q > 0.004
 
 
+def test_long_times_are_several_steps(cart: ModuleType) -> None:
+    """Five of the longest are; and a wrench acts on a frame of an arm whose base is fixed."""
+    numbers = {"control.filter": {"wrench": "tip"}}
+    scenario = read_scenario(SENSED, numbers)
+    long, short = (Estimator(cart, scenario.sensors, scenario.control.filter) for _ in range(2))
+    for estimator, times in ((long, [0.05]), (short, 0.01 * np.arange(1, 6))):
+        estimator.begin([0.1], [0.2])
+        for time in times:
+            estimator.follow(time, [1.0])
+    assert long.estimate.values.keys() == {"wrench", "efforts"}
+    np.testing.assert_allclose(long.estimate.covariance, short.estimate.covariance, atol=1e-15)
+    np.testing.assert_allclose(long.estimate.q, short.estimate.q, rtol=1e-14)
+
+
+def test_readings_that_cannot_be_are_refused(cart: ModuleType) -> None:
+    estimator = Estimator(cart, read_scenario(SENSED).sensors)
+    with pytest.raises(UsageError, match="call begin"):
+        estimator.follow(0.0, [0.0])
+    estimator.begin([0.0], [0.0])
+    for k in range(1, 21):
+        estimator.follow(H * k, [0.0])
+    before = estimator.estimate
+    for time, reading, words in (
+        (0.1, ("encoders", 0.1, [0.0]), "must not be before the last, 0.2 s"),
+        (0.3, ("encoder", 0.3, [0.0]), "'encoder' is none of gps, encoders"),
+        (0.3, ("encoders", 0.3, [0.0, 0.0]), "must be 1 numbers"),
+        (0.3, ("encoders", 0.4, [0.0]), "must now be from 0.14 s to 0.3 s"),
+        (0.3, ("gps", 0.1, np.zeros(6)), "give the sensor a longer delay"),
+    ):
+        with pytest.raises(UsageError, match=words):
+            estimator.follow(time, [0.0], [reading])
+    assert estimator.estimate.time == before.time
+
+
 def test_a_filter_needs_sensors(cart: ModuleType) -> None:
     with pytest.raises(UsageError, match="a filter needs some"):
         Estimator(cart, None)

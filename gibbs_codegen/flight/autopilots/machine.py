@@ -97,7 +97,9 @@ class Machine:
         progress: Progress = lambda what, share: None,
     ) -> None:
         settings = replace(scenario.integration, method="rk4", divergence=math.inf)
-        scenario = replace(scenario, integration=settings)
+        # An autopilot estimates by itself.
+        control = replace(scenario.control, estimate=False, filter=None)
+        scenario = replace(scenario, integration=settings, control=control)
         self.simulation = Simulation(robot, scenario, progress)
         self.loop = self.simulation.loop
         self.vehicle, self.servos = self.loop.vehicle, servos

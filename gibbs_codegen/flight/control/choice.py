@@ -178,6 +178,10 @@ def check_control(law: Law | None, control: Control, vehicle: RobotData) -> None
         checks.append(partial(vehicle.frame_place, frame, "control.impedance.frame"))
     if control.force and control.force.axes != WORLD:
         checks.append(partial(vehicle.frame_place, control.force.axes, "control.force.axes"))
+    if chosen := control.estimation:
+        for key, frame in (("wrench", chosen.wrench), ("payload", chosen.payload)):
+            if frame:
+                checks.append(partial(vehicle.frame_place, frame, f"control.filter.{key}"))
     check_all(checks)
     if control.estimate and _rolls(vehicle):
         raise UsageError(

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.logs.reading import Recorded, Samples, of_shares
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.vectors import Array
@@ -26,6 +27,11 @@ def is_crazyflie(path: Path) -> bool:
 
 def read_crazyflie(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> Recorded:
     """Contents of a log for a robot whose rotors are in the order of m1 to m4."""
+    if renamed := [name for name, alias in names.items() if isinstance(alias, str)]:
+        raise UsageError(
+            f"names: {renamed[0]}: logs of a Crazyflie are read by the names of its firmware; "
+            "leave it out"
+        )
     time, columns = _decoded(path.read_bytes())
 
     def series(*keys: str, factor: float = 1.0) -> Samples | None:

@@ -1,21 +1,22 @@
-"""The state of a robot by its sensors: what a filter tells of readings, each taken at its time."""
+"""The state of a robot by its sensors: what a filter estimates by readings at their times."""
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
-from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.arguments import vector
+from gibbs_codegen.errors import UsageError, written
+from gibbs_codegen.flight.arguments import real, vector
 from gibbs_codegen.flight.plant.environment import Environment
 from gibbs_codegen.flight.plant.sensors import SensorSuite
 from gibbs_codegen.flight.plant.state_program import StateProgram, state_program
@@ -28,6 +29,8 @@ from gibbs_codegen.machine.sensors import SensorAt
 _SAME = 1e-9
 # The least standard deviation of a reading: with none, errors could have no deviation at all.
 _LEAST = 1e-6
+# The longest step of a prediction, s: longer times are so many steps.
+_LONGEST = 0.01
 
 
 class Estimate(NamedTuple):
@@ -96,7 +99,9 @@ class Estimator:
             x.name: FilteredSensor(SensorAt(x.measures, frame, x.figures), tuple(biases))
             for x, frame, biases in of_sensors
         }
-        names = {"wrench": chosen.wrench * bool(vehicle.layout.v.base), "payload": chosen.payload}
+        # Nothing tells a wrench on what does not move.
+        pushed = vehicle.layout.v.base or chosen.wrench != "base"
+        names = {"wrench": chosen.wrench if pushed else "", "payload": chosen.payload}
         frames = {
             key: vehicle.frame_place(name, f"control.filter.{key}") if name else None
             for key, name in names.items()
@@ -172,29 +177,55 @@ class Estimator:
         Args:
             time: Not before the last one, s.
             u: Inputs (nu) that acted since: thrusts, N, then efforts of the joints, N m and N.
-            readings: Name of the sensor, time of its measurement, s, and values of each. One that
-                is measured between two times of calls counts at the second.
+            readings: Name of the sensor, time of its measurement, s, and values of each, NaN where
+                it has none. One that is measured between two times of calls counts at the second.
+
+        Raises:
+            UsageError: If `begin` was not called, a time is too early or too late, or inputs or
+                values are not as many numbers as there must be.
         """
-        instants, first = self._instants, len(self._instants)
+        last, instants, first = self._last, self._instants, len(self._instants)
         inputs = vector("u", u, len(self._vehicle.inputs))
-        if time > instants[-1].time + _SAME:
+        if not time > last.time - _SAME:
+            raise UsageError(f"time: must not be before the last, {last.time:g} s, not {time:g} s")
+        come = [self._checked(time, *reading) for reading in readings]
+        if time > last.time + _SAME:
             instants.append(_Instant(time, inputs))
-        elif first == 1 and not instants[0].readings:
-            instants[0].u = inputs
-        for name, taken, values in readings:
+        elif first == 1 and not last.readings:
+            last.u = inputs
+        for name, taken, values in come:
             place = next(k for k, x in enumerate(instants) if x.time > taken - _SAME)
-            instants[place].readings.append((name, np.asarray(values, dtype=np.float64)))
+            instants[place].readings.append((name, values))
             first = min(first, place)
         for k in range(first, len(instants)):
             now = instants[k]
             if k > 0:
                 last = instants[k - 1]
-                now.before = self._run("", last.after, u=now.u, h=now.time - last.time)
+                now.before, ahead = last.after, now.time - last.time
+                steps = max(math.ceil(ahead / _LONGEST - _SAME), 1)
+                for _ in range(steps):
+                    now.before = self._run("", now.before, u=now.u, h=ahead / steps)
             now.after = now.before
             for name, values in now.readings:
                 now.after = self._run(name, now.after, u=now.u, reading=values)
         old = sum(x.time < time - self._latest - _SAME for x in instants)
         del instants[: min(max(old - 1, 0), len(instants) - 1)]
+
+    def _checked(
+        self, now: float, name: str, taken: float, values: Any
+    ) -> tuple[str, float, Array]:
+        """A reading that comes at a time, s."""
+        devices, oldest = [device.name for device in self._suite.devices], self._instants[0].time
+        if name not in devices:
+            raise UsageError(f"readings: {written(name)} is none of {', '.join(devices)}")
+        size = len(self._suite.variances[devices.index(name)])
+        numbers = real(f"readings: {name}", values, f"{size} numbers", (size,))
+        if not oldest - _SAME <= taken <= now + _SAME and np.isfinite(numbers).all():
+            raise UsageError(
+                f"readings: {name}: measured at {taken:g} s, but readings must now be from "
+                f"{oldest:g} s to {now:g} s; if they come later, give the sensor a longer delay"
+            )
+        return name, min(taken, now), numbers
 
     def _run(self, name: str, memory: dict[str, Array], **values: ArrayLike) -> dict[str, Array]:
         """What is known after a step, or after a reading of a sensor by its name."""
@@ -207,14 +238,21 @@ class Estimator:
         return {key: outputs[key].copy() if key in outputs else x for key, x in memory.items()}
 
     @property
+    def _last(self) -> _Instant:
+        """The last time, and what is known there."""
+        if not self._instants:
+            raise UsageError("the filter knows no state yet; call begin(q, v) first")
+        return self._instants[-1]
+
+    @property
     def memory(self) -> dict[str, Array]:
         """What programs remember, by the names of their inputs."""
-        return self._instants[-1].after
+        return self._last.after
 
     @property
     def estimate(self) -> Estimate:
         """What is known at the last time."""
-        time, memory, places = self._instants[-1].time, self.memory, self._filter.places
+        time, memory, places = self._last.time, self.memory, self._filter.places
         spread = np.sqrt(np.diagonal(memory["covariance"]))
         rest, first = np.concatenate([memory["loads"], memory["biases"]]), places["v"].stop
         values = {

@@ -166,7 +166,8 @@ class Filter(Table):
     """
 
     wrench: str = entry(
-        f"the frame on which an unknown wrench acts, none of a fixed base: {FRAME}", "base"
+        f'the frame on which an unknown wrench acts: {FRAME}; "": none, as "base" if that is fixed',
+        "base",
     )
     payload: str = entry(f'the frame that carries an unknown mass: {FRAME}; "": none', "")
     acceleration: NotNegative = entry(

@@ -119,11 +119,15 @@ def sweep(
     scenario_sources = [scenario_source(scenario) for scenario in _listed(scenarios)]
     varying = {key: varied(value) for key, value in (parameters or {}).items()}
     _refuse_unfit(_listed(robots), scenario_sources, varying)
-    laws = [source.says("control.law") for source in scenario_sources]
-    laws += varying["control.law"].levels if "control.law" in varying else ()
-    estimates = any(source.says("control.estimate") for source in scenario_sources)
+
+    def values(key: str) -> list[Any]:
+        """All values of an entry of a scenario that are flown."""
+        levels = varying[key].levels if key in varying else ()
+        return [*(source.says(key) for source in scenario_sources), *levels]
+
+    laws = values("control.law")
     planned = (*DERIVATIVES, *UNDER_WRENCHES) if PREDICTIVE in laws else ()
-    derivatives = (*planned, *(CALLED if estimates else ()))
+    derivatives = (*planned, *(CALLED if any(values("control.estimate")) else ()))
     holds = [source.says("hold") or source.says("holds") for source in scenario_sources]
     functions = functions_for(any(holds), laws)
     robot_sources = [

@@ -127,7 +127,7 @@ def test_sensors_of_the_scenario_are_told_as_they_err(fast: Load) -> None:
         "magnetometer": [{"inclination_deg": 90.0, "strength": 5e-5, "bias": [0.0, 1e-6, 0.0]}],
         "gps": [{"horizontal_noise": 1.0, "delay": 0.1}],
     }
-    found = machine(fast("quadrotor"), sensors=sensors)
+    found = machine(fast("quadrotor"), sensors=sensors, control={"estimate": True})
     seen = found.readings()
     assert seen.accelerometer == pytest.approx([0.1, -0.2, -0.3], abs=1e-9)
     assert seen.gyro == pytest.approx([0.01, -0.02, -0.03], abs=1e-9)

@@ -239,6 +239,25 @@ def test_robots_cross_and_what_is_no_module_is_generated_once(robot, tmp_path, h
     assert len(made) == 1
 
 
+def test_what_varies_decides_which_derivatives_are_generated(tmp_path, monkeypatch):
+    asked = []
+
+    def generated(word, folder, progress, derivatives, functions):
+        asked.extend(derivatives)
+        raise UsageError("enough")
+
+    monkeypatch.setattr("gibbs_codegen.flight.sweeps.sweep.robot_source", generated)
+    sensors = {"sensors": {"imu": [{}]}, "name": "two", "duration": 1}
+    for key, values, name in (
+        ("control.estimate", [False, True], "frame_poses_derivatives"),
+        ("control.law", ["tracking", "predictive"], "forward_dynamics_derivatives"),
+    ):
+        with pytest.raises(UsageError, match="enough"):
+            sweep("quadrotor", sensors, {key: values}, out=tmp_path)
+        assert name in asked
+        asked.clear()
+
+
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
