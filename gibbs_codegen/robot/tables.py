@@ -123,7 +123,7 @@ class RobotTable(Ties, _Bodies):
                 faults.append((("wheel", i, "xyz"), words))
         sides = {i: wheel.xyz[1] for i, wheel in enumerate(self.wheel) if wheel.joint}
         if base.drive and len(sides) > 1 and min(sides.values()) * max(sides.values()) > 0.0:
-            words = "all wheels that turn are on one side: give one an y of the other sign"
+            words = "all wheels that turn are on one side: give one a y of the other sign"
             faults.append((("wheel", max(sides), "xyz"), words))
         if faults:
             raise refusal(faults)
