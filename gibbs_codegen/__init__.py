@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.figures.coupling import hybrid_pattern_figure as hybrid_pattern_figure
     from gibbs_codegen.figures.machine import machine_figure as machine_figure
     from gibbs_codegen.flight.analysis.linear_model import Regulator as Regulator
+    from gibbs_codegen.flight.analysis.linear_model import displacement as displacement
     from gibbs_codegen.flight.analysis.linear_model import linearise as linearise
     from gibbs_codegen.flight.analysis.linear_model import lqr as lqr
     from gibbs_codegen.flight.analysis.reachable_wrenches import (
@@ -106,7 +107,7 @@ _MODULES = {
     "figures.chains": ("chains_figure",),
     "figures.coupling": ("coupling_figure", "hybrid_pattern_figure"),
     "figures.machine": ("machine_figure",),
-    "flight.analysis.linear_model": ("Regulator", "linearise", "lqr"),
+    "flight.analysis.linear_model": ("Regulator", "displacement", "linearise", "lqr"),
     "flight.analysis.reachable_wrenches": ("reachable_wrenches",),
     "flight.analysis.trim": ("Trim", "trim"),
     "flight.control.observation": ("Observation",),

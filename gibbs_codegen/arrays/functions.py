@@ -6,7 +6,18 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from gibbs_codegen.arrays.nodes import Call, Node, Space, coordinates_of, entries_of, node, variable
+import numpy as np
+
+from gibbs_codegen.arrays.nodes import (
+    Call,
+    Node,
+    Space,
+    coordinates_of,
+    entries_of,
+    join,
+    node,
+    variable,
+)
 from gibbs_codegen.errors import MissingFunctionError, UsageError
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, module_signatures
 from gibbs_codegen.interface.actuators import trivial
@@ -154,6 +165,24 @@ class Functions:
         if not self.space.is_flat:
             return self.outputs("difference", q, other)[0]
         return entries_of(other) - entries_of(q)
+
+    def displacement(self, q: Node, other: Node) -> Node:
+        """As `away`, in all directions (nd): with a drive sideways too, between ahead and about z.
+
+        Args:
+            q: Coordinates (nq).
+            other: Coordinates (nq).
+
+        Returns:
+            The node.
+        """
+        moved = self.away(q, other)
+        if not self.space.has_drive:
+            return moved
+        # What is sideways lies ahead of axes that are a quarter turn on.
+        turn = 0.5 * np.pi * (np.arange(self.space.coordinates) == self.space.travels)
+        ends = (coordinates_of(entries_of(x) + turn, self.space) for x in (q, other))
+        return join(moved[:1], self.away(*ends)[:1], moved[1:])
 
     def outputs(self, name: str, *arguments: Node) -> tuple[Node, ...]:
         """The outputs of a function, as many as it has.

@@ -30,7 +30,7 @@ from gibbs_codegen.robot.balance import LARGEST_DRAG
 from gibbs_codegen.robot.layout import joint_terms
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import link_label, name_from
-from gibbs_codegen.robot.parts.base import Attitude, Motion
+from gibbs_codegen.robot.parts.base import PLANAR, Attitude, Motion
 from gibbs_codegen.robot.parts.rotor import Command
 from gibbs_codegen.robot.posture import carried_inertia
 
@@ -110,8 +110,13 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
         findings.append(Finding("note", "rotors", words))
     findings += _rubbing_joints(robot)
     findings += _light_joints(robot)
+    endless = ", ".join(joint.name for joint in source.joints if joint.continuous)
+    if endless and robot.base.motion == PLANAR:
+        words = "none were made; joints of wheels that roll become [[wheel]] tables by hand, with "
+        words += 'drive = "differential" in [base] if it does not slip sideways; '
+        words += f"these joints turn without end: {endless}"
+        findings.append(Finding("note", "wheels", words))
     if not source.rotors and robot.base.moves_freely:
-        endless = ", ".join(joint.name for joint in source.joints if joint.continuous)
         hint = f"; these joints turn without end: {endless}" if endless else ""
         words = f"none were found; --rotors FILE gives them{hint}"
         findings.append(Finding("note", "rotors", words))

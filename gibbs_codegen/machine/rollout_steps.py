@@ -62,8 +62,8 @@ def rollout_inputs(robot: Functions, parts: Parts) -> dict[str, Node]:
     """Inputs of a program with such parts, of each state or of all, by names, in their order.
 
     - `u` (nu): inputs, or `command` (nu) where there are drives
-    - `gain` (nu, 2 nv), `desired_q` (nq) and `desired_v` (nv): feedback, which is added to them;
-      with states of actuators a gain (nu, 2 nv + nx) and `desired_x` (nx)
+    - `gain` (nu, nd + nv), `desired_q` (nq) and `desired_v` (nv): feedback, which is added to them;
+      with states of actuators a gain (nu, nd + nv + nx) and `desired_x` (nx)
     - `least` and `most` (nu): limits, within which they are then brought
     - `lag` (3, rotors): what is left of the way from thrusts to what is commanded at the start of a
       step, after half of it, and at its end
@@ -77,7 +77,8 @@ def rollout_inputs(robot: Functions, parts: Parts) -> dict[str, Node]:
     variables = [variable(sent(robot), inputs)]
     if parts.feedback:
         states = robot.actuator_states
-        variables += [variable("gain", inputs, 2 * m + states, uniform=True)]
+        deviations = robot.layout.displaced.size + m + states
+        variables += [variable("gain", inputs, deviations, uniform=True)]
         variables += [robot.coordinates("desired_q"), robot.velocities("desired_v")]
         variables += [variable("desired_x", states)] if states else []
     if parts.limits:
@@ -117,7 +118,7 @@ def rollout_step(
     q, v, actuators = coordinates_of(x[places.q], robot.space), x[places.v], x[places.actuators]
     u = nodes[sent(robot)]
     if parts.feedback:
-        parts_away = [robot.away(q, nodes["desired_q"]), nodes["desired_v"] - v]
+        parts_away = [robot.displacement(q, nodes["desired_q"]), nodes["desired_v"] - v]
         parts_away += [nodes["desired_x"] - actuators] if "desired_x" in nodes else []
         error = named(join(*parts_away), "error", "way to the desired state")
         u = named(u + nodes["gain"] @ error, "wanted", "inputs with linear feedback")

@@ -68,6 +68,7 @@ def rollout_context(
         "header": header,
         "name": robot.name,
         "has_drives": robot.driven,
+        "has_drive": robot.space.has_drive,
         "has_inputs": not robot.driven,  # Otherwise commands are held, which have no lag.
         "inputs": inputs,
         "states": robot.actuator_states,

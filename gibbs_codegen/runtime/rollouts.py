@@ -52,12 +52,13 @@ RUNNING, DIVERGED, OUT_OF_BOUNDS = 0, 1, 2
 class Feedback:
     """Linear feedback, which is added to the inputs at the start of every step.
 
-    It is `gain` (nu, 2 nv) times the displacement of q and v from the state to the desired one:
-    difference(q, q_desired), then v_desired - v. Desired states are (1 or n, 1 or steps, nq) and
-    (1 or n, 1 or steps, nv). What it is added to, `u` (1 or n, 1 or steps, nu), is what `rollout`
-    makes the inputs of the problem, a number being for all of them; where there is a problem, those
-    are looked at alone. Where actuators of the robot file have states, a gain (nu, 2 nv + nx) takes
-    the way from these to `x` (1 or n, 1 or steps, nx) as well.
+    It is `gain` (nu, nd + nv) times the displacement of q and v from the state to the desired one:
+    `displacement`(q, q_desired), which has nd = nv entries or, with a drive, one more, then
+    v_desired - v. Desired states are (1 or n, 1 or steps, nq) and (1 or n, 1 or steps, nv). What it
+    is added to, `u` (1 or n, 1 or steps, nu), is what `rollout` makes the inputs of the problem, a
+    number being for all of them; where there is a problem, those are looked at alone. Where
+    actuators of the robot file have states, a gain (nu, nd + nv + nx) takes the way from these to
+    `x` (1 or n, 1 or steps, nx) as well.
     """
 
     gain: Array
@@ -330,7 +331,8 @@ def _given(problem: Problem, parts: Parts, xp: Any) -> dict[str, Any]:
         inputs |= dict(zip(("lowest", "highest"), problem.bounds, strict=True))
     if (feedback := problem.feedback) is not None:
         states = functions_of(problem.module).actuator_states
-        others = states + 2 * problem.v.shape[1] - feedback.gain.shape[1]
+        places = functions_of(problem.module).layout
+        others = states + places.displaced.size + places.v.size - feedback.gain.shape[1]
         inputs |= {"gain": xp.pad(feedback.gain, ((0, 0), (0, others)))}
         inputs |= {"desired_q": feedback.q, "desired_v": feedback.v}
         inputs["desired_x"] = xp.zeros((1, 1, states)) if feedback.x is None else feedback.x

@@ -336,7 +336,9 @@ def _problems(
     inputs_alone.inputs[1, 2] = np.inf  # A state is lost, unless the robot has no inputs.
     # Efforts of about those of the inputs for errors of about the states' size.
     most = np.abs(sent).max(axis=0)
-    sizes = np.concatenate([tree.scales[tree.free], np.abs(states.v).max(axis=0)])
+    places = tree.scales[tree.free]
+    beside = places[: tree.layout.displaced.size - tree.layout.v.size]  # As ahead.
+    sizes = np.concatenate([beside, places, np.abs(states.v).max(axis=0)])
     gain = rng.uniform(-0.5, 0.5, (len(most), len(sizes))) * most[:, None] / sizes
     q, v = states.q[::-1, None], states.v[::-1, None]
     # The motor of each rotor lags in every second state.

@@ -342,6 +342,8 @@ def test_what_holds_the_base_is_how_it_moves(
 ) -> None:
     robot, report = imported(text, tmp_path, **options)
     assert told(report, "base")[-1] == base
+    # The joint of `lift` turns without end.
+    assert ("wheels" in told(report, "note")) == (motion == "planar")
     assert (base, motion) != ("hub", "free") or "hub" not in told(report, "snapped")
     assert robot.base.motion == motion
     assert robot.base.pose.rpy_deg == pose.rpy_deg

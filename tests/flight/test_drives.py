@@ -10,15 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import logm
 from support.emitted import emitted_module
 
 from gibbs_codegen import (
+    Feedback,
     UsageError,
+    displacement,
     generate,
     load,
+    lqr,
     parse_robot,
     read_log,
     read_scenario,
+    rollout,
     simulate,
     trim,
     write_log,
@@ -212,3 +217,49 @@ def test_a_rover_holds_a_place_while_it_drives(tmp_path: Path) -> None:
     assert np.ptp(flight.point("tip"), axis=0).max() < 1e-9
     assert np.ptp(flight.q, axis=0)[4] > 0.5
     assert np.all(np.abs(flight.applied) < flight.input_limits[1])
+
+
+def logarithm(q0: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """The screw (x, y, yaw) from a place in the plane to another, in the axes of the first."""
+    poses = [
+        np.array([[np.cos(yaw), -np.sin(yaw), x], [np.sin(yaw), np.cos(yaw), y], [0, 0, 1]])
+        for x, y, yaw in (q0[:3], q[:3])
+    ]
+    screw = logm(np.linalg.solve(*poses))
+    return np.array([screw[0, 2], screw[1, 2], screw[1, 0]])
+
+
+def test_displacements_have_what_is_sideways() -> None:
+    """As the logarithm of the motion between two places; wheels have none of their own."""
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        q0, q = rng.uniform(-1.5, 1.5, (2, 5))
+        np.testing.assert_allclose(displacement(cart(), q0, q), logarithm(q0, q), atol=1e-12)
+    np.testing.assert_allclose(
+        displacement(cart(), q0, [*q0[:3], *(q0[3:] + 1.0)]), 0.0, atol=1e-15
+    )
+    with pytest.raises(UsageError, match=r"control.gain: its shape must be \(2, 5\)"):
+        rollout(cart(), q0, [0, 0], Feedback(np.zeros((2, 4)), q0, [0, 0]), 1, 0.01)
+
+
+@pytest.mark.slow
+def test_a_regulator_brings_a_rover_back_beside_its_line(tmp_path: Path) -> None:
+    """By feedback in rollouts, in C too, as in a loop with deviations by the logarithm."""
+    (tmp_path / "cart.toml").write_text(CART)
+    derivatives = ["forward_dynamics_derivatives"]
+    folder = generate(tmp_path / "cart.toml", tmp_path, derivatives=derivatives, verify=False)
+    robot, steps, dt, v0 = load(folder), 800, 0.01, np.array([1.0, 0.0])
+    gain = lqr(robot, np.zeros(5), v0, np.zeros(2), [1, 9, 1, 1, 1], [1e-3, 1e-3], dt).gain
+    line = np.outer(dt * np.arange(steps), [1.0, 0, 0, 0, 0])
+    begin = np.array([0, 0.2, 0, 0, 0])
+    q, v = begin, v0
+    for desired in line:
+        u = -gain @ np.concatenate([logarithm(desired, q), v - v0])
+        v = v + dt * robot.forward_dynamics(q, v, u)
+        q = robot.integrate(q, dt * v)
+    np.testing.assert_allclose(q[:3], [steps * dt, 0, 0], atol=1e-3)
+    for backend in ("numpy", "c"):
+        law = Feedback(gain, line, v0)
+        found = rollout(load(folder, backend), begin, v0, law, steps, dt, method="euler")
+        np.testing.assert_allclose(found.q[0, -1], q, atol=1e-9)
+        np.testing.assert_allclose(found.v[0, -1], v, atol=1e-9)

@@ -154,6 +154,36 @@ def linearise(
     return (a, b) if dt is None else held(a, b, dt)
 
 
+def displacement(robot: ModuleType | str | os.PathLike[str], q0: ArrayLike, q: ArrayLike) -> Array:
+    """The displacement δ from coordinates to others, q = q₀ ⊕ δ, as in deviations of `linearise`.
+
+    It is `difference(q0, q)`, where with a drive what is sideways follows what is ahead.
+
+    Args:
+        robot: A generated module, or the name or path of one, which is loaded.
+        q0, q: Coordinates (nq).
+
+    Returns:
+        δ (nv), m and rad, or with a drive (nv + 1).
+
+    Raises:
+        MissingFunctionError: The module was generated without `difference`, and needs it.
+        UsageError: An argument is not what it must be.
+    """
+    vehicle = vehicle_of(robot)
+    ends = {"q": coordinates(vehicle, q0), "other": coordinates(vehicle, q)}
+    return np.asarray(_displacement(vehicle.module)(ends)["displacement"])
+
+
+@lru_cache(maxsize=64)
+def _displacement(module: ModuleType) -> Evaluator:
+    """Evaluation of the displacement from coordinates `q` to `other`."""
+    robot = Functions(module)
+    q, other = robot.coordinates(), robot.coordinates("other")
+    outputs = {"displacement": robot.displacement(q, other)}
+    return Evaluator(Program("displacement", (q, other), outputs), {"robot": module})
+
+
 def _period(dt: float | None) -> float | None:
     """A period that a caller gives, if it does."""
     if dt is not None:
@@ -346,9 +376,9 @@ _STEADY = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Regulator:
-    """The inputs u = u₀ − K x for deviations x = (`difference(q0, q)`, v − v₀).
+    """The inputs u = u₀ − K x for deviations x = (`displacement(robot, q0, q)`, v − v₀).
 
-    - `gain` (nu, 2 nv): K
+    - `gain` (nu, 2 nv): K; with a drive one more column, and so below
     - `cost` (2 nv, 2 nv): P; xᵀ P x is the cost from x on
     - `eigenvalues` (2 nv): of A − B K, the slowest first; 1/s, or by period
     - `a` (2 nv, 2 nv), `b` (2 nv, nu): the model, continuous or by period

@@ -113,7 +113,7 @@ class RolloutArguments:
             return self.in_time("control", control, self.inputs), None
         size, states, x = self.layout.v.size, self._states_of_actuators, control.x
         gain = self._finite("control.gain", control.gain)
-        width = 2 * size + (0 if x is None else len(states))
+        width = self.layout.displaced.size + size + (0 if x is None else len(states))
         if gain.shape != (self.inputs, width):
             wanted = _listed((self.inputs, width))
             more = f", or {_listed((self.inputs, width + len(states)))} with control.x"
