@@ -35,7 +35,7 @@ from gibbs_codegen.robot.layout import frames_of, joint_terms
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.parts.constraint import ROWS
-from gibbs_codegen.robot.parts.gear import Gear
+from gibbs_codegen.robot.parts.gear import Gear, gear_terms
 from gibbs_codegen.robot.parts.numbers import BASE, SIGNED_AXES
 from gibbs_codegen.robot.parts.part import Part, changed_keys
 from gibbs_codegen.robot.placement import joint_pose, mounted_rotors
@@ -384,9 +384,8 @@ def _print_report(description: Description, data: dict[str, Any], console: Conso
     _print_actuators(robot, console)
     for link in data["link_list"]:
         if gear := link["gear"]:
-            terms = [f"{ratio:.6g} × {mover}" for mover, ratio in gear["ratios"].items()]
-            shift = f" {gear['offset']:+.6g}" if gear["offset"] else ""
-            console.print(f"gear of {link['name']}: {' + '.join(terms)}{shift}", markup=False)
+            terms = gear_terms(gear["ratios"], gear["offset"])
+            console.print(f"gear of {link['name']}: {terms}", markup=False)
     if robot.base.moves_freely:
         _print_arrangement(data["arrangement"], console)
     # A rigid base by itself is one chain, of which there is nothing to tell.

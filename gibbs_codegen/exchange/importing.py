@@ -173,6 +173,7 @@ KINDS: dict[Kind, str] = {
     "snapped": "made exact",
     "rotor": "taken for a rotor",
     "gear": "a joint that another moves",
+    "motor": "what drives a joint by gears",
     "constraint": "what may hold a frame",
     "left out": "not imported",
     "note": "worth a look",
@@ -196,7 +197,7 @@ def opening_comment(source: str, findings: Sequence[Finding]) -> str:
         if kind in ("welded", "locked", "snapped") and lines_of_kind:
             names = ", ".join(dict.fromkeys(printable(line.subject, 60) for line in lines_of_kind))
             lines.append(f"{kind.capitalize()}: {names}.")
-        elif kind not in ("rotor", "gear", "constraint") and lines_of_kind:
+        elif kind not in ("rotor", "gear", "motor", "constraint") and lines_of_kind:
             subjects = [
                 f"{printable(line.subject, 60)} ({printable(line.detail, MOST_TOLD)})"
                 for line in lines_of_kind

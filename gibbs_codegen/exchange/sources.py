@@ -50,6 +50,7 @@ Kind = Literal[
     "snapped",
     "rotor",
     "gear",
+    "motor",
     "constraint",
     "left out",
     "note",

@@ -29,7 +29,7 @@ from gibbs_codegen.robot.parts.base import FIXED, FREE, Attitude, Base, shown_mo
 from gibbs_codegen.robot.parts.body import RigidBody, entries_of, inertia_fault, inertia_matrix
 from gibbs_codegen.robot.parts.constraint import Constraint, ConstraintKind
 from gibbs_codegen.robot.parts.frame import MAX_FRAMES, Frame
-from gibbs_codegen.robot.parts.gear import Gear
+from gibbs_codegen.robot.parts.gear import Gear, gear_terms
 from gibbs_codegen.robot.parts.link import MAX_LINKS, JointLimits
 from gibbs_codegen.robot.parts.numbers import BASE, LEVEL, LONGEST_LABEL
 from gibbs_codegen.robot.parts.part import taken
@@ -93,6 +93,10 @@ def welded(
             name=namer.free(body.name, "link"),
             coordinate=namer.free(joint.name, "joint"),
         )
+        if motor := link.motor:
+            words = f"turns {motor.gear_ratio:.6g} times for each turn of the joint, its rotor with"
+            words += f" {motor.rotor_inertia:.6g} kg m²"
+            findings.append(Finding("motor", joint.name, words))
         if joint.gear:
             movers = joint.gear.words
             if follows(joint):
@@ -100,7 +104,9 @@ def welded(
                     {moved[mover].number: x for mover, x in joint.gear.ratios.items()},
                     joint.gear.offset,
                 )
-                findings.append(Finding("gear", joint.name, f"moved by {movers}"))
+                findings.append(
+                    Finding("gear", joint.name, f"moved by {movers}: {gear_terms(*joint.gear)}")
+                )
                 keys = ("limits", "servo", "friction")
                 if idle := [x for x in keys if getattr(link, x) not in (None, JointLimits())]:
                     words = f"{' and '.join(idle)} of a joint that another moves"

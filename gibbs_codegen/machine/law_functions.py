@@ -49,8 +49,8 @@ from gibbs_codegen.machine.laws import (
 
 _OF_ROTORS = {
     "centre": "the base centre from where x, y and z are, base's frame, m",
-    "wrenches": "force and torque about the base centre of each unit thrust, base's frame",
-    "distribution": "least thrusts of unit wrenches, a row of six for each rotor",
+    "wrenches": "force and torque about the base centre of a unit input of each, base's frame",
+    "distribution": "least inputs of unit wrenches, a row of six for each",
     "mass": "mass of the robot, kg",
     "weight": "force that holds the robot, N, world axes",
     "axis": "unit vector along which the rotors push, base's frame",
@@ -96,21 +96,24 @@ def law_functions(
     laws = list(laws)
     programs = {law: _law(robot, law, tip, moves) for law in laws}
     read = {name for program in programs.values() for name in program.names}
+    parts = {"rotors": robot.rotors, "wheels": robot.layout.q.wheels}
+    known = f"What laws know of the {' and '.join(part for part in parts if parts[part])}"
     rotors = Structure(
         "rotors",
-        "What laws know of the rotors, as init_rotors makes it of the constants.",
+        f"{known}, as init_rotors makes it of the constants.",
         tuple(Member(name, name, words) for name, words in _OF_ROTORS.items() if name in read),
     )
     values_of = _known(robot, centre)
     outputs = {member.name: values_of[member.name]() for member in rotors.members}
     made = Program("init_rotors", (), outputs)
-    words = "What laws know of the rotors; call it again when the constants have changed."
+    words = f"{known}; call it again when the constants have changed."
     given = (rotors,) if rotors.members else ()
     functions = [CFunction(made, words, given)] if given else []
     others = tuple(_structures(robot, read))
+    wheels = ", then torques of the wheels, N m" if parts["wheels"] else ""
     explained = {
-        "u": "inputs: thrusts, N, then efforts of the joints, N m or N; NaN where the state or "
-        "the reference is"
+        "u": f"inputs: thrusts, N, then efforts of the joints, N m or N{wheels}; NaN where the "
+        "state or the reference is"
     }
     for law, program in programs.items():
         structures, told = (*given, *others), explained

@@ -656,7 +656,7 @@ def inputs_of(robot: Functions, q: Node, force: Node, rotors: Rotors) -> tuple[N
     if not count and not robot.layout.v.base:  # Joints are all that moves.
         return force[robot.layout.v.joints], constant(0.0)
     wrench = base.wrench(rotors.centre, force)
-    wrench = named(wrench, "wrench", "Force and torque that the rotors must exert on the base.")
+    wrench = named(wrench, "wrench", "Force and torque that must act on the base.")
     columns, efforts, refused = rotors.wrenches, force[robot.layout.v.joints], constant(0.0)
     if rotors.move:
         columns = moved_wrenches(robot, q, rotors)

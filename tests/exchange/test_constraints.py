@@ -152,7 +152,7 @@ def test_what_holds_no_frame_of_the_robot_is_told(tmp_path: Path) -> None:
     )
     robot, told = of_text(text, tmp_path)
     assert [each.name for each in robot.constraints] == ["off", "k", "equality_4"]
-    assert told["ja"] == "gear: moved by joint jb"
+    assert told["ja"] == "gear: moved by joint jb: 1 × jb"
     assert told["off"].startswith("note") or told["off"].startswith("constraint")
     locked, _ = import_robot(
         tmp_path / "robot.xml", ImportOptions("xyz", lock={"ja": 0.0, "jb": 0.0})

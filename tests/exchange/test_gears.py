@@ -48,7 +48,7 @@ def imported(text: str, tmp_path: Path, **options: object) -> tuple[Robot, dict[
     robot, findings = import_robot(path, replace(ImportOptions("quaternion"), **options))
     told: dict[str, list[str]] = {}
     for line in findings:
-        if line.kind in ("gear", "left out") and "joint" in line.detail:
+        if line.kind in ("gear", "motor", "left out") and "joint" in line.detail:
             told.setdefault(line.subject, []).append(line.detail)
     return robot, told
 
@@ -64,7 +64,10 @@ def test_gears_come_back_as_they_were(form: Format, tmp_path: Path) -> None:
     assert [link.limits.low for link in robot.links] == [-1.0, None, None]
     of = [detail for details in told.values() for detail in details]
     assert len(of) == 2
-    assert all(detail.startswith("moved by joint ") for detail in of)
+    assert of == [
+        "moved by joint driver: 0.25 × driver + 0.5",
+        "moved by joint rack: -2 × rack",
+    ]
 
 
 URDF, _ = export_robot(parse_robot(HAND), "urdf")
@@ -118,7 +121,7 @@ def test_differentials_of_mjcf_come_back_and_lose_what_is_locked(tmp_path: Path)
     text, _ = export_robot(parse_robot(DIFFERENTIAL), "mjcf")
     robot, told = imported(text, tmp_path)
     assert robot.links[2].gear == Gear(of=(1, 2), ratio=(0.5, -2.0), offset=0.1)
-    assert told["tip"] == ["moved by joints driver and rack"]
+    assert told["tip"] == ["moved by joints driver and rack: 0.5 × driver - 2 × rack + 0.1"]
     free = text.replace('joint1="rack"', 'active="false" joint1="rack"')
     robot, _ = imported(free, tmp_path, lock={"driver": 0.2})
     assert [link.gear for link in robot.links] == [None, Gear(of=1, ratio=-2.0, offset=0.2)]
@@ -186,7 +189,7 @@ def test_gearboxes_of_sdf_are_gears_along_the_axes_of_joints(tmp_path: Path) -> 
     """θ₂ = −3 θ₁ about z up; the joint of the wheel counts about z down, so that it is 3 here."""
     robot, told = imported(GEARBOX.format(links=WHEELS, reference="housing"), tmp_path)
     assert [link.gear for link in robot.links] == [None, Gear(of=1, ratio=3.0)]
-    assert told["output"] == ["moved by joint input"]
+    assert told["output"] == ["moved by joint input: 3 × input"]
     path = tmp_path / "hand.xml"
     path.write_text(GEARBOX.format(links=WHEELS, reference="pinion"), encoding="utf-8")
     robot, findings = import_robot(path, ImportOptions("quaternion"))
@@ -202,8 +205,10 @@ DRIVEN = """
 
 def test_rotors_of_transmissions_are_motors_behind_gears(tmp_path: Path) -> None:
     rotor = '<drake:gear_ratio value="-60"/><drake:rotor_inertia value="2e-5"/>'
-    robot, _ = imported(URDF.replace("</robot>", DRIVEN.format(rotor)), tmp_path)
+    robot, told = imported(URDF.replace("</robot>", DRIVEN.format(rotor)), tmp_path)
     assert robot.links[0].motor == Motor(rotor_inertia=2e-5, gear_ratio=-60.0)
+    turns = "turns -60 times for each turn of the joint, its rotor with 2e-05 kg m²"
+    assert turns in told["driver"]
     text, findings = export_robot(robot, "mjcf")
     assert f'armature="{2e-5 * 60.0**2!r}"' in text
     assert any("what its rotor does to what carries it" in line for line in findings)

@@ -545,7 +545,7 @@ def test_a_follower_needs_no_range_of_its_own(tmp_path: Path) -> None:
     )
     text = text.replace('<mimic joint="x"', '<limit effort="1" velocity="1"/><mimic joint="x"')
     _, report = imported(text, tmp_path)
-    assert {"moved by joint x", "limits of a joint that another moves"} == {
+    assert {"moved by joint x: -1 × x", "limits of a joint that another moves"} == {
         line.detail for line in report if line.subject == "right" and line.kind != "snapped"
     }
 

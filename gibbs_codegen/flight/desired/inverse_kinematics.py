@@ -331,7 +331,8 @@ def arm_motion(
         if not arm.out_of_reach or k % stride == 0 or k == count - 1:
             arm.advance(k)
             progress(k + 1, count)
-    _check_reached(vehicle, base.time[arm.tried], arm.q[arm.tried], arm.distances[arm.tried])
+    tried = arm.tried
+    _check_reached(vehicle, base.time[tried], arm.q[tried], arm.distances[tried], limits)
     if arm.singular:
         raise SingularArmError(arm.singular)
     return Motion(base.time, arm.q, arm.v, arm.a)
@@ -488,12 +489,15 @@ class _Continuation:
         """Coordinates (nq) at the first knot that suit the way the path goes on.
 
         A tip on the axis of a joint leaves that joint's angle open, but the path does not. So the
-        search begins where the tip has gone some way, and the arm is led back from there. If it
-        does not get back, the `singular` coordinates (nq) are kept.
+        search begins where the tip has gone some way from where the base alone would carry it, and
+        the arm is led back from there. If it does not get back, the `singular` coordinates (nq) are
+        kept.
         """
         vehicle, limits, places = self.vehicle, self.limits, self.targets[:, 0]
-        offset = places - self.q[:, vehicle.layout.q.position]
-        away = np.linalg.norm(offset - offset[0], axis=-1) > _FAR * arm_length(vehicle, singular)
+        carried = self.q.copy()
+        carried[:, vehicle.arm] = singular[vehicle.arm]
+        offset = places - vehicle.tip_pose(carried)[:, :3, 3]
+        away = np.linalg.norm(offset, axis=-1) > _FAR * arm_length(vehicle, singular)
         if not np.any(away):
             return singular
         ahead = int(np.argmax(away))
@@ -506,7 +510,9 @@ class _Continuation:
         return posture if distance <= REACHED else singular
 
 
-def _check_reached(vehicle: Vehicle, time: Array, q: Array, distances: Array) -> None:
+def _check_reached(
+    vehicle: Vehicle, time: Array, q: Array, distances: Array, limits: JointBounds
+) -> None:
     """Raise `UnreachableError` if the tip is off its path, `SingularArmError` if only just.
 
     A path so near could be reached by the arm from another side. `distances` (s) are in m.
@@ -527,6 +533,11 @@ def _check_reached(vehicle: Vehicle, time: Array, q: Array, distances: Array) ->
             f"tip onto its path {where}; lead the path past the axes of joints and the edge of "
             "the arm's reach, or give a guess of the joints"
         )
+    joints, (low, high) = q[worst, vehicle.arm], limits
+    ends = np.nonzero((joints <= low + REACHED) | (joints >= high - REACHED))[0]
+    if len(ends):
+        names = " and ".join(vehicle.joint_names[place] for place in ends)
+        where += f", with {names} at {'its limit' if len(ends) == 1 else 'their limits'}"
     raise UnreachableError(
         f"the tip cannot reach its path {where}; lead the path within the arm's reach, or "
         f"{OTHER_SCENARIO}",

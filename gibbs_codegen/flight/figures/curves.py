@@ -218,7 +218,8 @@ def coordinates(flight: Flight) -> Figure:
 
     Panels, A and so on: attitude angles, deg, or the quaternion, and the same as roll, pitch and
     yaw, deg; joints of the arm, revolute ones in deg, prismatic ones in m in a panel of their own;
-    position of O₁, of the base centre or of the base's frame, whichever the coordinates are of, m.
+    position of O₁, of the base centre or of the base's frame, whichever the coordinates are of, m,
+    or the travel of a base that does not move freely, from its place.
     Constrained angles of base arms 2 … N, deg, have a panel only if they drift, which takes a
     system that was integrated with them; in flights of `simulate` they cannot. Attitudes and joints
     that vary far less than others, such as roll and pitch beside a yaw of many turns, have axes of
@@ -267,7 +268,7 @@ def _panels(flight: Flight) -> list[_Panel]:
     drift = np.abs(arms[0] - arms[1]).max(initial=0.0) > _DRIFT
     base_arms = [Curves("base arms (deg)", arm_names, *np.degrees(arms))]
     attitude, position = every[layout.q.attitude], every[layout.q.position]
-    where = f"position of {origin}"
+    where = f"position of {origin}" if layout.moves_freely else "travel of the base"
     return [
         *([_by_range(_coordinate_curves(flight, "attitude", attitude))] if attitude else []),
         *([_by_range(_roll_pitch_yaw(flight))] if layout.is_quaternion else []),

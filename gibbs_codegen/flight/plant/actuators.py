@@ -231,6 +231,8 @@ def joint_place(vehicle: RobotData, name: str, table: str = "") -> int:
         joints = ", ".join(vehicle.joint_names) or "none"
         where = f"{table}.{name}: {vehicle.name}" if table else f"{vehicle.name}:"
         hint = near(name, vehicle.joint_names) or ";"
+        if f"joint_{name}" in vehicle.points:
+            hint = ": that link moves by a gear or a joint of another name;"
         raise UsageError(f"{where} has no joint {printable(name, 60)}{hint} its joints: {joints}")
     return vehicle.joint_names.index(name)
 

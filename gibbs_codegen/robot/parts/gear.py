@@ -102,6 +102,12 @@ class Gear(Part):
         return Gear.by(ratios, offset)
 
 
+def gear_terms(ratios: Mapping[str, float], offset: float) -> str:
+    """The coordinate of a gear's joint in words, by the names of its movers."""
+    terms = [f"{ratio:.6g} × {mover}" for mover, ratio in ratios.items()]
+    return " + ".join([*terms, f"{offset:.6g}"] if offset else terms).replace("+ -", "- ")
+
+
 def _several(value: Any) -> tuple[Any, ...]:
     return value if isinstance(value, tuple) else (value,)
 

@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import minimize
 from support.angle_rates import bias_acceleration, rate_matrix
 from support.differences import series_rate
+from support.emitted import emitted_module
 from support.random_vehicles import SEEDS, random_vehicle
 
 from gibbs_codegen.errors import UsageError
@@ -49,6 +50,7 @@ from gibbs_codegen.flight.scenario.paths import (
 )
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.parts.body import RigidBody
 from gibbs_codegen.robot.parts.link import Link
 from gibbs_codegen.robot.text import robot_text
@@ -545,7 +547,7 @@ def test_what_limits_put_out_of_reach_is_told(hexa: Vehicle) -> None:
     low, high = free(hexa)
     low[2], high[2] = np.radians([30.0, 60.0])
     target = np.array([2.0, 0.0, 5.0])
-    with pytest.raises(UnreachableError) as refusal:
+    with pytest.raises(UnreachableError, match="m away, with theta_9 at its limit; ") as refusal:
         fly(hexa, Fixed(tuple(target)), 0.05, attitude=Level(), limits=(low, high))
     nearest = 6.0 * np.cos(np.radians(30.0)) - 2.0
     assert_allclose(refusal.value.distances, nearest, rtol=1e-7)
@@ -755,6 +757,38 @@ def test_arms_of_two_joints(short_arm: Callable[[int], Vehicle]) -> None:
     # Out of the sphere at the first step, though it is on it at first.
     with pytest.raises((UnreachableError, SingularArmError)):
         fly(vehicle, Line((2.4, 0, 3.2), (2, 0, 3.2), 1.0), attitude=Level())
+
+
+PLANAR = """
+name = "planar"
+[base]
+motion = {}
+mass = 1
+inertia = [0.01, 0.01, 0.01, 0, 0, 0]
+"""
+PLANAR += "".join(
+    f'[[link]]\nname = "{name}"\nxyz = [{x}, 0, 0]\naxis = "y"\nmass = 1\n'
+    "inertia = [0.01, 0.01, 0.01, 0, 0, 0]\n"
+    for name, x in (("upper", 0.1), ("fore", 0.3), ("hand", 0.3))
+)
+PLANAR += '[[frame]]\nname = "tip"\non = "hand"\nxyz = [0.1, 0, 0]\n'
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("motion", ['"fixed"', '["yaw"]', '"planar"'])
+def test_parallel_joints_of_which_one_is_more_than_the_path_needs(motion: str) -> None:
+    """Their Jacobian is never of full rank; the tip goes round in its plane, wherever that is."""
+    vehicle = Vehicle(emitted_module(parse_robot(PLANAR.format(motion))))
+    path = Circle((0.4, 0.0, 0.1), 0.1, 4.0, normal=(0, 1, 0))
+    time = knots(0.5, 0.01)
+    q = np.tile(vehicle.neutral, (len(time), 1))
+    still = np.zeros((len(time), vehicle.layout.v.size))
+    moved = arm_motion(vehicle, Motion(time, q, still, still), path, free(vehicle))
+    first, second, third = np.cumsum(moved.q[:, vehicle.arm], axis=1).T
+    x = 0.1 + 0.3 * np.cos(first) + 0.3 * np.cos(second) + 0.1 * np.cos(third)
+    z = -0.3 * np.sin(first) - 0.3 * np.sin(second) - 0.1 * np.sin(third)
+    assert_allclose(np.stack([x, 0 * x, z], axis=1), path(time)[:, 0], rtol=0, atol=REACHED)
+    assert_consistent(moved)
 
 
 @pytest.mark.slow

@@ -597,7 +597,7 @@ com = [0.5, 0, 0]
     ("motion", "panels", "led"),
     [
         ('"fixed"', ["joints (deg)"], ["tip"]),
-        ('["x"]', ["joints (deg)", "position of the base (m)"], ["base centre", "tip"]),
+        ('["x"]', ["joints (deg)", "travel of the base (m)"], ["base centre", "tip"]),
         ('["yaw"]', ["attitude (deg)", "joints (deg)"], ["base centre", "tip"]),
     ],
 )

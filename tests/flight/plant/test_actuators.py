@@ -13,7 +13,7 @@ import pytest
 from support.actuated import TEXT
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.plant.actuators import actuators_of
+from gibbs_codegen.flight.plant.actuators import actuators_of, joint_place
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import Settings
@@ -124,6 +124,14 @@ def test_the_scenario_overrides_the_robot_file(folders: dict[str, Path]) -> None
     )
     with pytest.raises(UsageError, match=words):
         actuators_of(vehicle, hover(arm=arm))
+
+
+def test_a_link_that_a_gear_moves_is_not_called_unknown(tmp_path: Path) -> None:
+    path = tmp_path / "actuated.toml"
+    geared = '[[link]]\nname = "jaw"\nxyz = [0, 0, 0]\nmass = 0.1\ninertia = [1, 1, 1, 0, 0, 0]\n'
+    path.write_text(f'{TEXT}{geared}gear = {{ of = "upper", ratio = 1 }}\n', encoding="utf-8")
+    with pytest.raises(UsageError, match="no joint jaw: that link moves by a gear or a joint of"):
+        joint_place(robot_data(path), "jaw")
 
 
 def test_thrusts_that_no_command_makes_are_no_limits(tmp_path: Path) -> None:
