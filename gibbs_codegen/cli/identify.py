@@ -6,6 +6,7 @@ With `--design` a scenario whose motion will tell them.
 from __future__ import annotations
 
 import argparse
+import sys
 
 from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.errors import UsageError, printable
@@ -33,6 +34,7 @@ def run(options: argparse.Namespace) -> int:
         terminal.progress_bar() as progress,
     ):
         module, free, prior = load(folder, "c"), options.free, options.prior
+        settled = True
         made: Design | Identified
         if options.design:
             limits = options.scenario, options.room
@@ -40,9 +42,13 @@ def run(options: argparse.Namespace) -> int:
         else:
             settings = free, prior, options.hold_out, names, options.between
             made = identify(module, options.logs, *settings, progress)
+            settled = made.settled
         made.write(place)
     has = f"fly it with `gibbs-codegen simulate {module.NAME} --scenario {printable(place)}`"
     if not options.design:
-        has = f"has {module.NAME}.toml, report.html"
+        has = f"has {module.NAME}.toml, report.html" if settled else "has report.html alone"
     print(f"{made.text()}\n{printable(place)}: {has}")
-    return 0
+    if not settled:
+        words = f"{module.NAME}: the fit did not settle, so no robot file is written"
+        print(f"{words}; the report begins with what to do", file=sys.stderr)
+    return int(not settled)

@@ -65,17 +65,18 @@ def progress(what: str = "deriving the equations of the robot") -> Iterator[Prog
 
 @contextmanager
 def progress_bar() -> Iterator[Callable[[str, float], None]]:
-    """A bar for each thing that is being done, on a terminal; nothing in a pipe."""
+    """A bar for each thing that is being done; in a pipe a line for each detail behind a colon."""
     if not sys.stderr.isatty():
-        yield lambda what, share: None
+        yield lambda what, share: print(what, file=sys.stderr) if ": " in what else None
         return
     with Bars(console=Console(stderr=True), transient=True) as bars:
         tasks: dict[str, Any] = {}
 
         def show(what: str, share: float) -> None:
-            if what not in tasks:
-                tasks[what] = bars.add_task(what, total=1.0)
-            bars.update(tasks[what], completed=share)
+            thing = what.partition(": ")[0]
+            if thing not in tasks:
+                tasks[thing] = bars.add_task(thing, total=1.0)
+            bars.update(tasks[thing], description=what, completed=share)
 
         yield show
 

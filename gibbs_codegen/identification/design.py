@@ -10,6 +10,7 @@ ones decide.
 
 from __future__ import annotations
 
+import logging
 import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
@@ -32,6 +33,7 @@ from gibbs_codegen.identification.identify import (
     Progress,
     check_new,
     identifiable,
+    imus_of,
     model_of,
     unseen,
 )
@@ -41,6 +43,8 @@ from gibbs_codegen.identification.report import as_text
 from gibbs_codegen.identification.smoothing import Smoother
 from gibbs_codegen.identification.unknowns import Unknowns
 from gibbs_codegen.robot.text import toml_lines
+
+_log = logging.getLogger("gibbs_codegen")
 
 # What is flown where no scenario says so: laws, sensors and steps.
 _FLIGHT: dict[str, Any] = {
@@ -146,7 +150,10 @@ def design(
     f, z = len(unknowns.names), np.zeros(len(unknowns.names))
     experiment = _Experiment(module, unknowns, _tables(module, scenario), room)
     best = searched(
-        experiment.spread, experiment.gentle(), tries, lambda x: progress("flying motions", x)
+        experiment.spread,
+        experiment.gentle(),
+        tries,
+        lambda detail, share: progress(f"flying motions: {detail}", share),
     )
     slopes, told = unknowns.slopes(z), experiment.covariance(best)[:f, :f]
     covariance = slopes @ told @ slopes.T
@@ -157,7 +164,7 @@ def design(
     lines += toml_lines({key: x for key, x in tables.items() if not isinstance(x, Mapping)})
     for key, table in tables.items():
         lines += ["", f"[{key}]", *toml_lines(table)] if isinstance(table, Mapping) else []
-    words, text = unseen(unknowns, told), "\n".join([*lines, ""])
+    words, text = unseen(unknowns, told, slopes), "\n".join([*lines, ""])
     return Design(module.NAME, names, unknowns.values(z), deviations, covariance, words, text)
 
 
@@ -258,13 +265,13 @@ class _Experiment:
         if np.any(room < (1.0 - _USED) * span):
             raise UsageError(f"{self.module.NAME}: its inputs come to their limits")
         recording = recording_of(flight, self.module, flight.scenario)
-        frames = tuple(recording.imus)
+        frames = imus_of(self.module, recording)
         self._model = self._model or model_of(self.module, [recording])
         smoother = Smoother(self._model, self.unknowns, [Readings(recording, self.module, frames)])
         estimate, rows = smoother.start(), np.searchsorted(flight.time, recording.time - 1e-9)
         estimate.state |= {"q": flight.q[rows], "v": flight.v[rows]}
         if self._wind is None:
-            estimate = smoother.run(estimate, lambda share: None, numbers=False)
+            estimate = smoother.run(estimate, lambda detail, share: None, numbers=False)
             self._wind = estimate.wind
         estimate.wind = self._wind
         return smoother.covariance(estimate)
@@ -290,19 +297,26 @@ class _Experiment:
 
 
 def searched(
-    judge: Callable[[Array], float], start: Array, tries: int, tell: Callable[[float], None]
+    judge: Callable[[Array], float], start: Array, tries: int, tell: Callable[[str, float], None]
 ) -> Array:
-    """Numbers from −1 to 1 that are judged least: random steps, and on where one was better."""
+    """Numbers from −1 to 1 that are judged least: random steps, and on where one was better.
+
+    Ctrl-C ends the search with the best so far.
+    """
     rng, best, least = np.random.default_rng(0), start, judge(start)
     length, way = _STEP, np.zeros(0)
     for number in range(tries):
         step = way if way.size else length * rng.normal(size=best.shape)
         x = np.clip(best + step, -1.0, 1.0)
-        value = judge(x)
+        try:
+            value = judge(x)
+        except KeyboardInterrupt:
+            _log.warning("stopped after %d of %d motions; the best of them is kept", number, tries)
+            break
         if value < least:
             way, best, least, length = x - best, x, value, min(_STEP, _LONGER * length)
         else:
             length = length if way.size else _SHORTER * length
             way = np.zeros(0)
-        tell((number + 1) / tries)
+        tell(f"try {number + 1} of {tries}, best {least:.3g} of the prior", (number + 1) / tries)
     return best

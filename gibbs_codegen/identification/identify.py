@@ -29,6 +29,7 @@ from gibbs_codegen.identification.report import html_report, text_report
 from gibbs_codegen.identification.robot_file import with_numbers
 from gibbs_codegen.identification.smoothing import Estimate, Smoother
 from gibbs_codegen.identification.unknowns import Unknowns
+from gibbs_codegen.robot.parts.base import FIXED
 from gibbs_codegen.runtime.load import load
 
 Progress = Callable[[str, float], None]
@@ -38,10 +39,10 @@ Log = Flight | Recording | str | os.PathLike[str]
 _UNSEEN, _PART = 0.5, 0.35
 # How far is predicted, s, and samples of a first fit that gives numbers to begin with.
 _AHEAD, _FIRST = 0.5, 2000
-_UNSETTLED = (
-    "how sure the numbers are: the fit did not settle; look at the residuals for what the robot "
-    "file lacks, and free more numbers, or fewer"
-)
+# Deviations of the prior from which on a value contradicts the robot file.
+_CONTRADICTS = 3.0
+# Numbers at most that are proposed to be free.
+_PROPOSED = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +51,15 @@ class Identified:
 
     - `names` (f): numbers that were free, in SI units; `rotors.drag` is that of the first rotor,
       and all others keep their ratios to it
+    - `settled`: whether the fit came to an end. If not, values are no results: deviations are NaN,
+      and there is no robot file; `advice` says what to do
     - `values`, `deviations` and `before` (f): their values, standard deviations, and those in the
       robot file; `covariance` (f, f) of the values
     - `unseen`: in words what the log cannot tell, or tells no better than the prior
+    - `contradictions`: in words what is far from the robot file, by deviations of the prior
     - `residuals`: by reading its root mean square over its deviation, 1 where all is explained
-    - `others`: drag of the base, N s/m, biases of IMUs, and the wind's deviation, m/s², by names
+    - `others`: drag of the base, N s/m, biases of IMUs, and the wind's deviation, m/s², by names;
+      of bases that do not move freely the deviations of errors of inputs, N or N m
     - `prediction`: of what was held out, root mean squares of errors after half a second, by the
       numbers of the file and by those identified; empty if nothing was
     - `robot_file`: text of the robot file with the values
@@ -72,13 +77,16 @@ class Identified:
     others: Mapping[str, tuple[float, float]]
     prediction: Mapping[str, tuple[float, float]]
     robot_file: str = field(repr=False)
+    contradictions: tuple[str, ...]
+    settled: bool
+    advice: tuple[str, ...]
 
     def text(self) -> str:
         """Say it as a table in text."""
         return text_report(self)
 
     def write(self, folder: str | os.PathLike[str]) -> None:
-        """Write the robot file and the report, as text and as a page, to a new folder.
+        """Write the robot file, if the fit settled, and the report to a new folder.
 
         Args:
             folder: The folder.
@@ -90,10 +98,11 @@ class Identified:
         place = Path(folder)
         check_new(place)
         files = {
-            f"{self.robot}.toml": self.robot_file,
             "report.txt": self.text(),
             "report.html": html_report(self),
         }
+        if self.settled:
+            files[f"{self.robot}.toml"] = self.robot_file
         with writing(place), staging_folder(place.parent) as staging:
             (staging / place.name).mkdir()
             for name, text in files.items():
@@ -153,7 +162,7 @@ def identify(
     ]
     if not recordings:
         raise UsageError(f"between: no log has samples from {between[0]:g} to {between[1]:g} s")
-    unknowns, frames = Unknowns(module, free, prior), tuple(recordings[0].imus)
+    unknowns, frames = Unknowns(module, free, prior), imus_of(module, recordings[0])
     model = model_of(module, recordings)
     if odd := [r for r in recordings if abs(r.step / model.h - 1.0) > 0.01]:
         raise UsageError(
@@ -169,7 +178,9 @@ def identify(
         smoother = Smoother(model, unknowns, [Readings(r, module, frames) for r in parts])
         estimate = smoother.start()
         estimate.shared = estimate.shared if start is None else start
-        return smoother, smoother.run(estimate, lambda share: progress(what, share), numbers)
+        return smoother, smoother.run(
+            estimate, lambda detail, share: progress(f"{what}: {detail}", share), numbers
+        )
 
     start = None
     if sum(len(r.time) for r in used) > 1.5 * _FIRST:
@@ -202,9 +213,15 @@ def identifiable(robot: ModuleType | str | os.PathLike[str]) -> ModuleType:
     return module
 
 
+def imus_of(module: ModuleType, recording: Recording) -> tuple[str, ...]:
+    """Frames of the IMUs that a fit reads: one on a base that cannot move says nothing."""
+    stays = module.ATTITUDE == FIXED
+    return tuple(frame for frame in recording.imus if not (stays and frame == "base"))
+
+
 def model_of(module: ModuleType, recordings: Sequence[Recording]) -> Model:
     """The model of a robot for recordings with the steps and the IMUs of the first."""
-    places = [module.FRAMES.index(frame) for frame in recordings[0].imus]
+    places = [module.FRAMES.index(frame) for frame in imus_of(module, recordings[0])]
     return Model(module, recordings[0].step, places, input_noise(recordings, module))
 
 
@@ -240,7 +257,9 @@ def _identified(
     spread = np.sqrt(np.nanmean(np.clip(estimate.misses, -3, 3) ** 2, axis=0))
     # What is not explained by noise makes numbers less certain than noise alone would.
     doubt = max(1.0, float(spread.max()), float(estimate.left.max())) ** 2
-    whole = estimate.covariance * doubt
+    whole = doubted(estimate.covariance, smoother.prior, doubt)
+    if not estimate.settled:  # Slopes at values that are no results say nothing of them.
+        whole = np.full_like(whole, np.nan)
     covariance = slopes @ whole[:f, :f] @ slopes.T
     values, deviations = unknowns.values(z), np.sqrt(np.diag(covariance))
     names = [f"pose, along {name}" for name in module.VELOCITIES]
@@ -251,13 +270,25 @@ def _identified(
     others = {label: (float(x), float(s)) for label, (x, s) in zip(labels, rest, strict=True)}
     if smoother.model.free:
         others["wind's pull, deviation, m/s²"] = estimate.wind, float("nan")
+    else:
+        for name, error in zip(module.INPUTS, smoother.model.noise.tolist(), strict=True):
+            others[f"error of the input {name}, deviation"] = error, float("nan")
     source = ", ".join(sources)
     words = {
         member: f"{value:.5g} ± {deviation:.2g}, identified from {source}"
         for name, value, deviation in zip(unknowns.names, values, deviations, strict=True)
         for member in unknowns.members(name)[:1]
     }
-    text = (Path(module.__path__[0]) / "robot.toml").read_text("utf-8")
+    contradictions, clauses, robot_file = dict[str, str](), tuple[str, ...](), ""
+    if estimate.settled:
+        contradictions = _contradictions(unknowns, z)
+        clauses = tuple(
+            words
+            for words in unseen(unknowns, whole[:f, :f], slopes)
+            if words.partition(":")[0] not in contradictions
+        )
+        text = (Path(module.__path__[0]) / "robot.toml").read_text("utf-8")
+        robot_file = with_numbers(text, unknowns.parameters(z), words)
     return Identified(
         module.NAME,
         source,
@@ -266,12 +297,59 @@ def _identified(
         values,
         deviations,
         covariance,
-        unseen(unknowns, whole[:f, :f]) + (_UNSETTLED,) * (not estimate.settled),
+        clauses,
         dict(zip(names, spread.tolist(), strict=True)),
         others,
         prediction,
-        with_numbers(text, unknowns.parameters(z), words),
+        robot_file,
+        tuple(contradictions.values()),
+        estimate.settled,
+        () if estimate.settled else _advice(unknowns),
     )
+
+
+def doubted(covariance: Array, prior: Array, doubt: float) -> Array:
+    """Covariance if variances of readings are `doubt` times as large, and those of the prior not.
+
+    With C = (D + P⁻¹)⁻¹ that is (D / doubt + P⁻¹)⁻¹, which is never more than the prior's P.
+    """
+    mixed = np.eye(len(prior)) + (doubt - 1.0) * covariance / prior**2
+    return doubt * np.asarray(np.linalg.solve(mixed, covariance), np.float64)
+
+
+def _contradictions(unknowns: Unknowns, z: Array) -> dict[str, str]:
+    """Values that the prior all but excludes, in words, by names."""
+    rows = zip(
+        unknowns.names,
+        unknowns.values(np.zeros(len(z))),
+        unknowns.values(z),
+        unknowns.away(z),
+        strict=True,
+    )
+    return {
+        name: f"{name}: {value:.4g} is "
+        + (f"{value / before:.3g} times" if before else "far from")
+        + f" the robot file's {before:.4g}, {away:.2g} deviations of the prior away; the free "
+        "numbers alone may not explain the log (or give a greater --prior)"
+        for name, before, value, away in rows
+        if away > _CONTRADICTS
+    }
+
+
+def _advice(unknowns: Unknowns) -> tuple[str, ...]:
+    """What to do about a fit that did not settle."""
+    rest = [name for name in unknowns.by_default() if name not in unknowns.names]
+    rest = sorted(rest, key=lambda name: "_inertia_" in name or "_com_" in name)[:_PROPOSED]
+    advice = [
+        f"free the numbers of the robot file that are wrong too, such as {', '.join(rest)} (--free)"
+        if rest
+        else "free fewer numbers, those that are wrong (--free)"
+    ]
+    joints = any(name.endswith("_damping") for name in unknowns.file)
+    if joints and not any("_friction_" in name for name in unknowns.file):
+        advice.append("add `friction` to the links of the robot file whose joints rub")
+    advice.append("take a shorter part of the log, in which nothing touches it (--between)")
+    return (*advice, "the greatest residuals below show where the robot file lacks something")
 
 
 _FELT = (
@@ -280,21 +358,29 @@ _FELT = (
 )
 
 
-def unseen(unknowns: Unknowns, covariance: Array) -> tuple[str, ...]:
-    """Directions in which a fit is not much surer than the prior, in words."""
+def unseen(unknowns: Unknowns, covariance: Array, slopes: Array) -> tuple[str, ...]:
+    """Directions in which a fit is not much surer than the prior, in words.
+
+    `covariance` is that of unknowns, and `slopes` (f, f) derivatives of values by these.
+    """
     shares, directions = np.linalg.eigh(covariance / unknowns.prior**2)
-    clauses = []
-    for share, direction in zip(np.sqrt(shares), directions.T, strict=True):
+    # By values over their deviations of the prior: an unknown may be in several moments of inertia.
+    scaled = slopes / np.linalg.norm(slopes, axis=1, keepdims=True)
+    surer = np.sqrt(np.diag(scaled @ covariance @ scaled.T)) / unknowns.prior
+    clauses = dict[str, None]()
+    for share, direction in zip(
+        np.sqrt(np.maximum(shares, 0.0)), (scaled @ directions).T, strict=True
+    ):
         if share > _UNSEEN:
             order = np.argsort(-np.abs(direction))
-            parts = [unknowns.names[k] for k in order if abs(direction[k]) > _PART][:4]
-            if len(parts) < 2:
+            count = int(np.sum(np.abs(direction) > _PART))
+            if count < 2 and surer[order[0]] > _UNSEEN:
                 name = unknowns.names[order[0]]
-                clauses.append(f"{name}: the log says nothing of it, the prior alone does")
+                clauses[f"{name}: the log says nothing of it, the prior alone does"] = None
             else:
-                clauses.append(
-                    f"{', '.join(parts[:-1])} and {parts[-1]}: the log does not tell them apart"
-                )
+                parts = [unknowns.names[k] for k in order[: min(4, max(2, count))]]
+                words = f"{', '.join(parts[:-1])} and {parts[-1]}"
+                clauses[f"{words}: the log does not tell them apart"] = None
     return tuple(clauses)
 
 

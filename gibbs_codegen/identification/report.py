@@ -24,15 +24,27 @@ Section = tuple[str, Sequence[str], Sequence[tuple[str, ...]]]
 
 def _sections(found: Identified) -> Iterator[Section]:
     """Titles, headings and rows of tables."""
+    if not found.settled:
+        title = (
+            f"{found.robot}: the fit did not settle. The numbers below are no results: they have "
+            "no deviations, and no robot file is written"
+        )
+        yield title, ("",), [(words,) for words in found.advice]
     rows: list[tuple[str, ...]] = []
     for row in zip(found.names, found.before, found.values, found.deviations, strict=True):
         name, before, value, deviation = row
         share = f"{100 * deviation / abs(value):.2g} %" if value else ""
         rows.append((name, f"{before:.5g}", f"{value:.5g}", f"{deviation:.2g}", share))
-    heads = ("number", "robot file", "identified", "± deviation", "of it")
+    heads: tuple[str, ...] = ("number", "robot file", "identified", "± deviation", "of it")
+    if not found.settled:
+        heads, rows = (*heads[:2], "where it ended"), [row[:3] for row in rows]
     yield f"{found.robot}, from {found.source}, in SI units", heads, rows
-    listed = [(words,) for words in found.unseen] or [("Nothing that was free.",)]
-    yield "What the log cannot tell", ("",), listed
+    if found.contradictions:
+        rows = [(words,) for words in found.contradictions]
+        yield "What contradicts the robot file", ("",), rows
+    if found.settled:
+        listed = [(words,) for words in found.unseen] or [("Nothing that was free.",)]
+        yield "What the log cannot tell", ("",), listed
     size = np.sqrt(np.diag(found.covariance))
     correlation = found.covariance / np.outer(size, size)
     pairs = [
@@ -53,7 +65,12 @@ def _sections(found: Identified) -> Iterator[Section]:
         (name, f"{x:.4g}", f"{s:.2g}" if np.isfinite(s) else "")
         for name, (x, s) in found.others.items()
     ]
-    yield "Besides", ("", "value", "± deviation"), rows
+    if rows:
+        yield (
+            "Besides",
+            ("", "value", "± deviation")[: 2 + found.settled],
+            [row[: 2 + found.settled] for row in rows],
+        )
     rows = [(name, f"{x:.2f}") for name, x in found.residuals.items()]
     title = "Residuals over deviations: about 1 where everything is explained"
     yield title, ("reading", "root mean square"), rows

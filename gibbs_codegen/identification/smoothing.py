@@ -256,7 +256,7 @@ class Smoother:
         return self._solved(estimate, len(self.prior) if free is None else free)(0.0)[2]
 
     def run(
-        self, estimate: Estimate, tell: Callable[[float], None], numbers: bool = True
+        self, estimate: Estimate, tell: Callable[[str, float], None], numbers: bool = True
     ) -> Estimate:
         """The most likely estimate from another on, of the motion alone without `numbers`."""
         free = len(self.prior) if numbers else 0
@@ -282,7 +282,7 @@ class Smoother:
             wind = max(_CALM, float(np.sqrt(np.mean(estimate.state["pull"] ** 2))))
             same = not self.model.free or abs(np.log(wind / estimate.wind)) < _SAME
             estimate.wind = wind if self.model.free else estimate.wind
-            tell(1.0 - 1.0 / (2.0 + iteration))
+            tell(f"iteration {iteration + 1}, cost {cost:.4g}", 1.0 - 1.0 / (2.0 + iteration))
             if place == 0 and same and (size < _SETTLED if free else iteration > 2):
                 estimate.settled = True
                 break

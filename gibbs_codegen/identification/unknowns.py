@@ -78,7 +78,7 @@ class Unknowns:
     def _chosen(self, free: Sequence[str]) -> list[str]:
         """Names that patterns choose, in the order of the file."""
         tied = {member for name, row in self._members.items() if "." in name for member in row}
-        by_default = [
+        untold = [
             name
             for name, row in self._members.items()
             if _FREE.search(name)
@@ -86,16 +86,20 @@ class Unknowns:
             # A base that stays where it is weighs on the ground alone.
             and not (name.startswith("base_") and self.module.ATTITUDE == FIXED)
         ]
+        by_default = [name for name in untold if name not in tied]
         if not free:
-            return [name for name in by_default if name not in tied]
+            return by_default
         chosen = dict[str, None]()
         for pattern in free:
             names = [name for name in self._members if fnmatchcase(name, pattern)]
             if len(names) > 1:  # A pattern chooses no lengths, and rotors' numbers one by one.
-                names = [name for name in names if name in by_default] or names
+                names = [name for name in names if name in untold] or names
             if not names:
-                hint = near(pattern, self._members) or "; `gibbs-codegen info` has the numbers"
-                raise UsageError(f"--free {printable(pattern)}: {self.module.NAME} has none{hint}")
+                hint = near(pattern, self._members) or "."
+                raise UsageError(
+                    f"--free {printable(pattern)}: {self.module.NAME} has none{hint} Free by "
+                    f"default are {', '.join(by_default)}; `gibbs-codegen info` has all numbers"
+                )
             chosen |= dict.fromkeys(names)
         for name in [*chosen]:  # Of one moment alone some values are those of no body.
             body, mark, axes = name.rpartition("_inertia_")
@@ -133,6 +137,21 @@ class Unknowns:
     def members(self, name: str) -> tuple[str, ...]:
         """Parameters that one of the numbers stands for."""
         return self._members[name]
+
+    def by_default(self) -> list[str]:
+        """Names that are free where no pattern is given."""
+        return self._chosen(())
+
+    def away(self, z: Array) -> Array:
+        """How far values (f) are from those of the file, in deviations of the prior."""
+        before, after = self.values(np.zeros_like(z)), self.values(z)
+        change, same = np.abs(after - before), before * after > 0.0
+        factors = same & ~np.isin(self.names, [*self._scales])
+        change[factors] = np.abs(
+            before * np.log(np.where(same, after, 1.0) / np.where(same, before, 1.0))
+        )[factors]
+        size: Array = self.prior * np.linalg.norm(self.slopes(np.zeros_like(z)), axis=1)
+        return change / size
 
     def parameters(self, z: Array) -> dict[str, float]:
         """Parameters of the module, those that differ from the robot file, by unknowns (f)."""

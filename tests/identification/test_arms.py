@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
+
 import numpy as np
 import pytest
 
 from gibbs_codegen import UsageError, generate, identify, load
+from gibbs_codegen.cli.identify import run as command
 from gibbs_codegen.identification.recorded import Recording
 from gibbs_codegen.identification.unknowns import Unknowns
 
@@ -82,9 +85,37 @@ def test_a_payload_is_found_with_an_honest_deviation(module) -> None:
         found = identify(module, Recording(time, sent, read), ["elbow_mass", "elbow_com_x"])
         scores.append((found.values - [*REAL.values()]) / found.deviations)
         np.testing.assert_allclose(found.values, [*REAL.values()], rtol=0.01)
-        assert not any("settle" in words for words in found.unseen)
+        assert found.settled
     assert np.abs(scores).max() < 4.0
     assert np.abs(scores).max() > 0.1
+    assert not found.contradictions
+    # A prior that all but excludes the payload: log 1.3 / 0.05 is 5.2 deviations.
+    sure = identify(module, Recording(time, sent, read), [*REAL], prior=0.05)
+    assert sure.settled
+    assert "elbow_mass: 1.3 is 1.3 times the robot file's 1, 5.2" in sure.contradictions[0]
+    assert "elbow_com_x" in sure.contradictions[1]
+
+
+def test_a_fit_that_does_not_settle_says_so_and_writes_no_robot_file(
+    module, tmp_path, monkeypatch, capsys
+) -> None:
+    q, u = moved(module, 1.5)
+    recording = Recording(STEP * np.arange(len(q)), u, q, {"base": np.zeros((len(q), 6))})
+    monkeypatch.setattr("gibbs_codegen.identification.smoothing._MOST", 1)
+    found = identify(module, recording, ["elbow_mass"])
+    assert (found.settled, found.robot_file, found.unseen) == (False, "", ())
+    assert np.isnan(found.deviations).all()
+    assert "did not settle" in found.text().splitlines()[0]
+    assert "shoulder_mass" in found.advice[0]
+    assert "±" not in found.text()
+    assert "error of the input tau_elbow" in found.text()
+    assert "IMU" not in found.text(), "a base that cannot move has no biases"
+    monkeypatch.setattr("gibbs_codegen.cli.identify.identify", lambda *_: found)
+    options = {"logs": [str(tmp_path)], "design": None, "out": str(tmp_path / "new"), "name": []}
+    options |= {"robot": str(module.__path__[0]), "free": [], "prior": 0.3, "hold_out": 0.0}
+    assert command(argparse.Namespace(**options, between=(0.0, np.inf))) == 1
+    assert "did not settle" in capsys.readouterr().err
+    assert {path.name for path in (tmp_path / "new").iterdir()} == {"report.txt", "report.html"}
 
 
 def test_a_base_on_the_ground_is_not_free_by_default(module) -> None:

@@ -150,8 +150,22 @@ def test_a_search_finds_the_edge_of_what_is_allowed() -> None:
     def judge(x: np.ndarray) -> float:
         return np.inf if np.linalg.norm(x) > 0.7 else float(np.sum((x - a) ** 2))
 
-    found = searched(judge, np.zeros(4), 400, lambda share: None)
+    found = searched(judge, np.zeros(4), 400, lambda detail, share: None)
     assert found == pytest.approx(0.7 * a / np.linalg.norm(a), abs=0.15)
+
+
+def test_an_interrupted_search_keeps_the_best() -> None:
+    values = iter([3.0, 1.0, 2.0])
+
+    def judge(x: np.ndarray) -> float:
+        if (value := next(values, None)) is None:
+            raise KeyboardInterrupt
+        judged.append(x)
+        return value
+
+    judged: list[np.ndarray] = []
+    found = searched(judge, np.zeros(2), 9, lambda detail, share: None)
+    assert np.array_equal(found, judged[1])
 
 
 def test_what_cannot_be_designed_is_refused(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.identification.identify import doubted, unseen
 from gibbs_codegen.identification.recorded import Recording, deviation
 from gibbs_codegen.identification.robot_file import with_numbers
 from gibbs_codegen.identification.unknowns import Unknowns
@@ -143,3 +144,30 @@ def test_recordings_that_tell_nothing_are_refused(change, words) -> None:
     }
     with pytest.raises(UsageError, match=words):
         Recording(**(arrays | change))
+
+
+def test_doubt_of_readings_does_not_widen_the_prior() -> None:
+    rng = np.random.default_rng(0)
+    slopes, prior, doubt = rng.standard_normal((2, 4)), np.array([0.3, 0.3, 2.0, 1e-3]), 900.0
+    told = slopes.T @ slopes
+    covariance = np.linalg.inv(told + np.diag(prior**-2))
+    exact = np.linalg.inv(told / doubt + np.diag(prior**-2))
+    wider = doubted(covariance, prior, doubt)
+    np.testing.assert_allclose(wider, exact, rtol=1e-9, atol=1e-14)
+    assert np.all(np.diag(wider) <= prior**2)
+
+
+def test_what_is_unseen_is_said_of_values_not_of_factors_of_inertia(module) -> None:
+    """The second moment along y is in the moments about x and z, and not in that about y."""
+    body = next(n for n in module.PARAMETERS if n.endswith("_inertia_xx")).removesuffix("_xx")
+    unknowns = Unknowns(module, [f"{body}_xx", f"{body}_yy", f"{body}_zz"], 0.3)
+    covariance = 0.3**2 * np.diag([1e-6, 1.0, 1e-6])
+    (words,) = unseen(unknowns, covariance, unknowns.slopes(np.zeros(3)))
+    assert f"{body}_xx" in words
+    assert f"{body}_zz" in words
+    assert f"{body}_yy" not in words
+
+
+def test_a_wrong_name_lists_what_can_be_free(module) -> None:
+    with pytest.raises(UsageError, match=r"has none.*Free by default are rotors\.drag"):
+        Unknowns(module, ["rotors.bogus"], 0.3)
