@@ -248,6 +248,9 @@ class Graph:
 
     def call(self, function: str, ref: Ref) -> Ref:
         """A function of one value, of those that `program.nodes.Call` knows."""
+        value = self.value(ref)
+        if value is not None and function in ("sin", "cos"):
+            return self.number(numbers.exact(numbers.rounded(getattr(sp, function)(value))))
         constant = self.constant[ref >> 1]
         if function in ODD:
             return self._node(CALL, (ref & ~1,), function, constant) ^ (ref & 1)
