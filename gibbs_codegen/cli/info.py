@@ -29,7 +29,7 @@ from gibbs_codegen.robot.balance import (
     tilt_hint,
     wrench_matrix,
 )
-from gibbs_codegen.robot.chains import coupling_map, decompose
+from gibbs_codegen.robot.chains import coupling_map, decompose, first_row
 from gibbs_codegen.robot.description import Coordinate, Description
 from gibbs_codegen.robot.layout import frames_of, joint_terms
 from gibbs_codegen.robot.model import Robot
@@ -43,6 +43,7 @@ from gibbs_codegen.robot.posture import base_properties, whole_properties
 from gibbs_codegen.robot.wrenches import DIRECTIONS
 
 if TYPE_CHECKING:
+    from gibbs_codegen.derivation.hybrid import Filling
     from gibbs_codegen.program.model import Model
     from gibbs_codegen.robot.reach import ReachableWrenches
 
@@ -336,36 +337,38 @@ def _facts(description: Description) -> dict[str, Any]:
 def _derived_facts(robot: Robot, options: argparse.Namespace) -> dict[str, Any]:
     """Rows of the hybrid system, the chains that add to each entry of I_H, operations."""
     from gibbs_codegen.derivation.derive import derive  # It imports SymPy.
-    from gibbs_codegen.derivation.hybrid import filled_matrix
+    from gibbs_codegen.derivation.hybrid import filled_entries
 
     functions = ["default", *(options.functions or robot_argument.functions_of(options.robot))]
     with terminal.progress() as progress:
         model = derive(
             robot, progress=progress, derivatives=options.derivatives or False, functions=functions
         )
+    pattern = filled_entries(robot).matrix
     return {
-        "hybrid_rows": _hybrid_rows(model),
+        "hybrid_rows": _hybrid_rows(model, pattern),
         "operations": {
             function.name: {"total": function.operations.total, **asdict(function.operations)}
             for function in model.program.functions
         },
-        "hybrid_pattern": [[list(chains) for chains in row] for row in filled_matrix(robot)],
+        "hybrid_pattern": [[list(chains) for chains in row] for row in pattern],
     }
 
 
-def _hybrid_rows(model: Model) -> list[dict[str, Any]]:
+def _hybrid_rows(model: Model, pattern: Filling) -> list[dict[str, Any]]:
     """For each row of the hybrid system: its unknown, the chains that add there, its inputs."""
     from gibbs_codegen.program.nodes import Number
 
     (output,) = model.program.function("hybrid_input_matrix").outputs
-    width, maps = output.shape[1], coupling_map(model.robot)
+    width, first = output.shape[1], first_row(model.robot)
     names = [c.name for c in model.description.inputs]
     rows = []
     for place, unknown in enumerate(model.description.hybrid_coordinates):
-        adding = [number for number, places in enumerate(maps, start=1) if place in places]
+        adding = sorted({number for entry in pattern[place] for number in entry})
         entries = output.entries[place * width : (place + 1) * width]
         acting = [n for n, e in zip(names, entries, strict=True) if e != Number(0.0)]
-        rows.append({"row": place - 1, "unknown": unknown.name, "chains": adding, "inputs": acting})
+        row = {"row": first + place, "unknown": unknown.name}
+        rows.append(row | {"chains": adding, "inputs": acting})
     return rows
 
 

@@ -320,35 +320,33 @@ class FilledEntries:
     inputs: Filling
 
 
-def filled_matrix(robot: Robot) -> Filling:
-    """For each entry of I_H, the chains, by number, whose own matrix (eq. 15) is not zero there."""
-    symbolic, maps = SymbolicRobot.of(robot.ungeared, Tape()), coupling_map(robot)
-    size = len(symbolic.description.hybrid_coordinates)
-    matrices = [chain_matrix(symbolic, number) for number in range(1, len(maps) + 1)]
-    return _filling(size, size, zip(maps, maps, matrices, strict=True))
-
-
 def filled_entries(robot: Robot) -> FilledEntries:
-    """Places of nonzero entries in the systems of single chains (eq. 15), by the coupling map."""
-    symbolic, maps = SymbolicRobot.of(robot.ungeared, Tape()), coupling_map(robot)
-    size, width = len(symbolic.description.hybrid_coordinates), len(symbolic.u)
-    systems = [chain_system(symbolic, number) for number in range(1, len(maps) + 1)]
-    pairs = list(zip(maps, systems, strict=True))
+    """Places of nonzero entries in the systems of single chains (eq. 15), by the coupling map.
+
+    What they have for joints that gears or the ground move stands with what moves these.
+    """
+    symbolic, systems = SymbolicRobot.of(robot, Tape()), []
+    tree = symbolic.ungeared
+    for number, places in enumerate(coupling_map(robot), start=1):
+        chain, system = chain_system(tree, number), LinearSystem.empty(tree)
+        for i, row in enumerate(places):
+            system.residual[row], system.inputs[row] = chain.residual[i], chain.inputs[i]
+            for j, column in enumerate(places):
+                system.matrix[row][column] = chain.matrix[i][j]
+        systems.append(system.folded(symbolic))
     return FilledEntries(
-        _filling(size, size, ((places, places, system.matrix) for places, system in pairs)),
-        _filling(size, 1, ((places, (0,), [[r] for r in s.residual]) for places, s in pairs)),
-        _filling(size, width, ((places, range(width), system.inputs) for places, system in pairs)),
+        _filling(system.matrix for system in systems),
+        _filling([[entry] for entry in system.residual] for system in systems),
+        _filling(system.inputs for system in systems),
     )
 
 
-def _filling(
-    height: int, width: int, chains: Iterable[tuple[Sequence[int], Sequence[int], Matrix]]
-) -> Filling:
-    """The chains, each by its places in rows and columns and its entries, that are not zero."""
-    filling: list[list[list[int]]] = [[[] for _ in range(width)] for _ in range(height)]
-    for number, (rows, columns, entries) in enumerate(chains, start=1):
-        for row, values in zip(rows, entries, strict=True):
-            for column, entry in zip(columns, values, strict=True):
-                if entry != 0:
-                    filling[row][column].append(number)
-    return tuple(tuple(map(tuple, row)) for row in filling)
+def _filling(matrices: Iterable[Matrix]) -> Filling:
+    """For each entry the numbers of the matrices, one a chain, in which it is not zero."""
+    return tuple(
+        tuple(
+            tuple(number for number, entry in enumerate(entries, start=1) if entry != 0)
+            for entries in zip(*rows, strict=True)
+        )
+        for rows in zip(*matrices, strict=True)
+    )

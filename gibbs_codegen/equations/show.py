@@ -28,7 +28,7 @@ from gibbs_codegen.equations.normal_form import collected
 from gibbs_codegen.equations.readable_chain import check_chain, item_frames, readable_chain
 from gibbs_codegen.equations.typeset import Kind, Name, accelerated, name
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.robot.chains import coupling_map
+from gibbs_codegen.robot.chains import coupling_map, first_row
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS
 
@@ -120,7 +120,7 @@ def _coupling(robot: Robot, chain: int) -> chain_equations.ChainEquation:
     ):
         meaning = names[symbol].meaning
         whole = accelerated(replace(hybrid[unknowns[place].name], meaning=meaning))
-        places.append(chain_equations.Place(item, names[symbol], whole, place - 1))
+        places.append(chain_equations.Place(item, names[symbol], whole, first_row(robot) + place))
     acting = tuple(
         (names[symbol], replace(hybrid[entry.name], meaning=f"{entry.meaning} ({entry.unit})"))
         for entry, symbol in zip(description.inputs, readable.symbolic.u, strict=True)

@@ -25,7 +25,7 @@ from gibbs_codegen.equations.typeset import Name, accelerated
 from gibbs_codegen.figures.appearance import COLOURS, DARK
 from gibbs_codegen.figures.marks import short_name
 from gibbs_codegen.figures.style import style
-from gibbs_codegen.robot.chains import Chain, decompose
+from gibbs_codegen.robot.chains import Chain, decompose, first_row
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.file import AnyRobot, as_robot
 from gibbs_codegen.robot.layout import layout_of
@@ -107,7 +107,13 @@ def _draw_hybrid_unknowns(axes: Axes, robot: Robot, height: float) -> float:
     for number, line in enumerate(lines):
         y, name = (number + 0.5) * step, unknowns[line[0]].name
         _box(axes, (left, y - 0.42 * step), (_RIGHT_WIDTH, 0.84 * step), "0.35", "0.97")
-        _symbol(axes, left + 0.2 * _RIGHT_WIDTH, y, ", ".join(map(_row_number, line)), "0.45")
+        _symbol(
+            axes,
+            left + 0.2 * _RIGHT_WIDTH,
+            y,
+            ", ".join(_row_number(robot, k) for k in line),
+            "0.45",
+        )
         symbols = ", ".join(_math(accelerated(names[unknowns[place].name])) for place in line)
         at = 0.45 if name in joint_names else 0.65
         _symbol(axes, left + at * _RIGHT_WIDTH, y, symbols, size=min(11.0, 7.5 * step))
@@ -198,7 +204,7 @@ def hybrid_pattern_figure(robot: AnyRobot) -> Figure:
                     _symbol(axes, left + wide / 2, -1.9, f"${symbol}$", size=11)
                 left += wide
         for row, name in enumerate(names):
-            _symbol(axes, -2.1, row + 0.5, _row_number(row), "0.45", _SMALL)
+            _symbol(axes, -2.1, row + 0.5, _row_number(robot, row), "0.45", _SMALL)
             _symbol(axes, -0.8, row + 0.5, _math(name), size=_SMALL)
         for joint, row in zip(joints, range(motions, size), strict=True):
             _symbol(axes, row + 0.5, joint + 0.5, "−1", "white", 9)
@@ -213,9 +219,9 @@ def hybrid_pattern_figure(robot: AnyRobot) -> Figure:
     return figure
 
 
-def _row_number(place: int) -> str:
-    """The number of the row at a place: the method counts from −1."""
-    return f"{place - 1}".replace("-", "−")
+def _row_number(robot: Robot, place: int) -> str:
+    """The number of the hybrid row at a place."""
+    return f"{first_row(robot) + place}".replace("-", "−")
 
 
 def _math(symbol: Name) -> str:

@@ -108,11 +108,13 @@ def decompose(robot: Robot) -> tuple[Chain, ...]:
 
 
 def coupling_map(robot: Robot) -> tuple[tuple[int, ...], ...]:
-    """The places of the unknowns of each chain among the hybrid ones (eq. 18, Figs. 6–9).
-
-    Places count from 0; the method counts its rows from −1.
-    """
+    """The places from 0 of the unknowns of each chain among the hybrid ones (eq. 18, Figs. 6–9)."""
     place = {
         unknown.name: i for i, unknown in enumerate(Description(robot.ungeared).hybrid_coordinates)
     }
     return tuple(tuple(place[name] for name in chain.unknowns) for chain in decompose(robot))
+
+
+def first_row(robot: Robot) -> int:
+    """Number of the first hybrid row: the method counts from −1, that of θ₋₁; others from 0."""
+    return -1 if robot.base.moves_freely else 0

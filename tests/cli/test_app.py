@@ -229,6 +229,35 @@ def test_new_placed_writes_a_robot_that_flies_as_it_is(tmp_path: Path) -> None:
     assert flown.returncode == 0, flown.stderr
 
 
+LEVEL = """
+name = "level"
+base = { motion = "fixed" }
+[[link]]
+name = "arm"
+xyz = [0, 0, 0.2]
+axis = "y"
+mass = 1
+com = [0.1, 0, 0.1]
+[[link]]
+name = "hand"
+xyz = [0, 0, 0.2]
+axis = "y"
+mass = 1
+com = [0.1, 0, 0]
+gear = { of = "arm", ratio = -1, offset = 0.3 }
+"""
+
+
+@pytest.mark.slow
+def test_info_folds_the_hybrid_matrix_by_gears(tmp_path: Path) -> None:
+    """A base that does not fly has no row −1; the hand is level, and its angle a number in C."""
+    (tmp_path / "level.toml").write_text(LEVEL)
+    said = run("info", "level.toml", "--operations", cwd=tmp_path).stdout
+    assert "\n   0 arm           1\n" in said
+    assert "\n0    arm      1                      tau_arm" in said
+    assert run("generate", "level.toml", cwd=tmp_path).returncode == 0
+
+
 @pytest.mark.slow
 def test_info_is_readable(tmp_path: Path) -> None:
     done = run("info", "hexarotor_3link", "--operations", cwd=tmp_path)

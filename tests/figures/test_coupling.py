@@ -15,7 +15,7 @@ from matplotlib.patches import FancyArrowPatch, FancyBboxPatch, Rectangle
 from support.emitted import emitted_module
 from support.random_robots import robots
 
-from gibbs_codegen.derivation.hybrid import filled_entries, filled_matrix
+from gibbs_codegen.derivation.hybrid import filled_entries
 from gibbs_codegen.figures.coupling import (
     chain_colour,
     coupling_figure,
@@ -73,11 +73,6 @@ def test_what_is_not_filled_is_zero_in_the_emitted_arrays(robot: Robot) -> None:
     """The other way does not hold: what chains add up to may be zero by symmetry."""
     for ours, theirs in zip(filled_patterns(robot), emitted_patterns(robot), strict=True):
         assert not (theirs & ~ours).any()
-
-
-def test_info_has_the_matrix_of_the_figure() -> None:
-    robot = FEW
-    assert filled_matrix(robot) == filled_entries(robot).matrix
 
 
 def test_chains_fill_only_the_rows_and_columns_of_their_own_unknowns() -> None:

@@ -36,13 +36,41 @@ from gibbs_codegen.verification.verify import QUICK, compare_module, formulation
 # Seeds of robots with motors, and how their bases move. The second has a gear of a gear, the third
 # has derivatives.
 MOTIONS: dict[int, Any] = {87: None, 95: ("x", "z", "pitch"), 116: "fixed"}
+# Links on parallel axes that gears keep at one angle to the base: sums of their angles are numbers.
+LEVEL = """
+name = "level"
+[base]
+mass = 2
+inertia = [0.01, 0.02, 0.03, 0, 0, 0]
+"""
+for _name, _axis, _gear in (
+    ("a", "y", ""),
+    ("b", "y", ""),
+    ("c", "y", 'gear = {of = ["a", "b"], ratio = [-1, -1], offset = 0.3}'),
+    ("d", "x", ""),
+    ("e", "y", ""),
+    ("f", "y", 'gear = {of = "e", ratio = -1, offset = 1.5707963267948966}'),
+    ("g", "y", ""),
+):
+    LEVEL += f"""
+[[link]]
+name = "{_name}"
+xyz = [0.05, 0.02, 0.2]
+axis = "{_axis}"
+mass = 1
+com = [0.1, 0.05, 0.1]
+inertia = [0.01, 0.02, 0.03, 0.001, 0, 0]
+{_gear}
+"""
 # Functions of coordinates that gears leave alone, and what is solved for.
 APART = {"coordinate_rates", "integrate", "difference"}
 SOLVED = {"forward_dynamics", "forward_dynamics_with_wrenches"}
 
 
 def based(seed: int) -> Robot:
-    """The robot of a seed, on a base that flies or moves in another way."""
+    """The robot of a seed, on a base that flies or moves in another way; of 0 the level one."""
+    if not seed:
+        return parse_robot(LEVEL)
     robot, motion = motored_robot(seed), MOTIONS[seed]
     return on_base(robot, motion, seed) if motion else robot
 
@@ -52,13 +80,17 @@ def gears(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     joints = [i for i, link in enumerate(robot.links, start=1) if link.joint != "fixed"]
     left = [i for i in joints if robot.links[i - 1].gear is None]
     ratios, offsets = np.zeros((len(joints), len(left))), np.zeros(len(joints))
+
+    def by_steps(i: int) -> tuple[np.ndarray, float]:
+        gear = robot.links[i - 1].gear
+        if gear is None:
+            return np.eye(len(left))[left.index(i)], 0.0
+        moved = [(ratio, *by_steps(j)) for j, ratio in gear.ratios.items()]
+        turns = sum((ratio * row for ratio, row, _ in moved), np.zeros(len(left)))
+        return turns, gear.offset + sum(ratio * offset for ratio, _, offset in moved)
+
     for row, i in enumerate(joints):
-        ratio, offset = 1.0, 0.0
-        while (gear := robot.links[i - 1].gear) is not None:
-            offset += ratio * gear.offset
-            ratio *= gear.ratio
-            i = gear.of
-        ratios[row, left.index(i)], offsets[row] = ratio, offset
+        ratios[row], offsets[row] = by_steps(i)
     return ratios, offsets
 
 
@@ -134,7 +166,7 @@ def module_of(seed: int) -> ModuleType:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", MOTIONS)
+@pytest.mark.parametrize("seed", [*MOTIONS, 0])
 def test_functions_are_those_of_the_robot_without_gears_folded(seed: int) -> None:
     robot = based(seed)
     assert parse_robot(robot_text(robot)) == robot
