@@ -32,7 +32,7 @@ from gibbs_codegen.equations.readable_chain import chain_closed_form, item_frame
 from gibbs_codegen.equations.show import EQUATIONS, MOST_TERMS, chain_equation
 from gibbs_codegen.equations.typeset import text_width
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.robot.chains import decompose
+from gibbs_codegen.robot.chains import decompose, first_row
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.layout import layout_of
@@ -114,7 +114,8 @@ def assert_chains_add_up(robot: Robot, most_terms: int, seed: int = 5) -> None:
     matrix, residual, inputs = np.zeros((size, size)), np.zeros(size), np.zeros((size, width))
     for chain in decompose(robot):
         motion = chain_equation(robot, chain.number, 15, most_terms)
-        rows = np.array([p.row + 1 for p in chain_equation(robot, chain.number, 18).places])
+        places = chain_equation(robot, chain.number, 18).places
+        rows = np.array([place.row - first_row(robot) for place in places])
         found = evaluated(motion, values)
         free = rows[: len(motion.residual)]
         matrix[np.ix_(free, free)] += [[value(e, found) for e in row] for row in motion.matrix]
