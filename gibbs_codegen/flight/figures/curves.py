@@ -358,7 +358,9 @@ def inputs(flight: Flight, width: float = COLUMN) -> Figure:
         "joint torque (N m)": joints & (units == "N m"),
         "joint force (N)": joints & (units == "N"),
     }
-    shown = {label: np.flatnonzero(which) for label, which in groups.items() if which.any()}
+    # What a log does not know has no panel.
+    known = np.isfinite(flight.applied).any(axis=0)
+    shown = {label: np.flatnonzero(which) for label, which in groups.items() if known[which].any()}
     with style():
         figure = stack(flight, [_curves(flight, *named) for named in shown.items()], width)
         keys: dict[str, Any] = {}
@@ -433,7 +435,7 @@ def _curves(flight: Flight, label: str, places: NDArray[np.int_]) -> Curves:
 def _draw_bands(axes: Axes, flight: Flight, places: NDArray[np.int_]) -> None:
     """Draw what applied inputs did between samples, where the samples do not show it."""
     applied = flight.applied
-    seen = _SEEN * np.ptp(applied[np.isfinite(applied[:, places]).all(axis=1)][:, places])
+    seen = _SEEN * np.ptp(applied[:, places][np.isfinite(applied[:, places])])
     before = np.vstack([applied[:1], applied[:-1]])
     above = flight.applied_greatest - np.maximum(before, applied)
     below = np.minimum(before, applied) - flight.applied_least
