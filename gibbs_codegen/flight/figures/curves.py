@@ -359,8 +359,8 @@ def inputs(flight: Flight, width: float = COLUMN) -> Figure:
         "joint force (N)": joints & (units == "N"),
     }
     # What a log does not know has no panel.
-    known = np.isfinite(flight.applied).any(axis=0)
-    shown = {label: np.flatnonzero(which) for label, which in groups.items() if known[which].any()}
+    known = np.isfinite(flight.applied)
+    shown = {k: np.flatnonzero(places) for k, places in groups.items() if known[:, places].any()}
     with style():
         figure = stack(flight, [_curves(flight, *named) for named in shown.items()], width)
         keys: dict[str, Any] = {}

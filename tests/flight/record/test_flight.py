@@ -54,9 +54,11 @@ def test_a_flight_says_that_it_ends_far_from_its_path_or_overturned(flight: Flig
 
     Nor one whose motors are off. What is far with inputs to spare may be so on purpose.
     """
-    far, turned = flight.centre_desired.copy(), flight.base_rotation.copy()
+    far, turned = flight.centre_desired.copy(), flight.q.copy()
     far[-1] = flight.point(flight.centre)[-1] + [2.0, 0.0, 0.0]
-    turned[-1] = turned[-1] @ np.diag([1.0, -1.0, -1.0])
+    # Half a turn about x, behind rotations about x, y and z.
+    turned[-1, flight.layout.q.attitude] *= [1.0, -1.0, -1.0]
+    turned[-1, flight.layout.q.attitude] += [np.pi, 0.0, 0.0]
     lost = dataclasses.replace(flight, centre_desired=far)
     assert lost.notes == ("The base ends 2 m from where it was to be.",)
     asked = flight.commanded[-1]
@@ -64,7 +66,7 @@ def test_a_flight_says_that_it_ends_far_from_its_path_or_overturned(flight: Flig
     assert "at their limits; control may be lost, and a smaller integration" in limited.notes[0]
     spared = dataclasses.replace(lost, input_limits=np.stack([asked, asked]))
     assert spared.notes == lost.notes
-    over = dataclasses.replace(flight, base_rotation=turned)
+    over = dataclasses.replace(flight, q=turned)
     words = (
         "The base ends overturned, its z axis 180° from where it was to point; control may be lost"
     )
