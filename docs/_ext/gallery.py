@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
-from sphinx.application import Sphinx
 
 from gibbs_codegen.figures.machine import whole_shapes
 from gibbs_codegen.figures.robot_artists import RobotArtists
@@ -20,6 +20,9 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.base import LEVEL_MOTIONS
 from gibbs_codegen.robot.posture import default_posture, robot_frames
 from gibbs_codegen.robot.rotations import Array
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 PAGE = Path(__file__).parent.parent / "reference" / "robot-file.md"
 # A command that shows what is special about a robot; others are viewed.
