@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
         f"energy balance {max(abs(flight.energy_error)):.2g} J\n"
         f"errors at the end: {_errors(flight, slice(-1, None))}"
     )
-    for line in (_attitude(flight), _battery(flight), _outside(flight)):
+    for line in (_attitude(flight), _battery(flight), _outside(flight), estimation(flight)):
         print(line, end="\n" if line else "")
     print_events(flight, scenario.walls)
     if unreached := _unreached(flight, scenario.control):
@@ -174,6 +174,23 @@ def _battery(flight: Flight) -> str:
         f"battery: {100.0 * charge[0]:.4g} to {100.0 * charge[1]:.4g} %, at least "
         f"{voltage.min():.4g} V, at most {current.max():.4g} A and {max(voltage * current):.4g} W; "
         f"a full one lasts {lasts} like this"
+    )
+
+
+def estimation(flight: Flight) -> str:
+    """How far estimates were off, and whether a filter knew so; "" of a flight without them."""
+    off, spread = flight.estimate_errors, flight.estimate_deviations[:, : 2 * flight.layout.v.size]
+    if not off.size:
+        return ""
+    rates = flight.layout.v.units
+    units = np.array([*(unit.removesuffix("/s") for unit in rates), *rates])
+    sizes = [f"{np.sqrt(np.mean(off[:, units == x] ** 2)):.2g} {x}" for x in dict.fromkeys(units)]
+    inside = np.mean(np.abs(off) <= 2.0 * spread)
+    means = np.nanmean(flight.innovations, axis=0)
+    innovations = [f"{n} {x:.2g}" for n, x in zip(flight.innovation_names, means, strict=True)]
+    return (
+        f"estimates are off by {', '.join(sizes)} (RMS), {100.0 * inside:.3g} % by at most two "
+        f"deviations; mean squares of innovations, of 1 expected: {', '.join(innovations)}"
     )
 
 

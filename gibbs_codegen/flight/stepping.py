@@ -62,8 +62,9 @@ class Simulation:
         law = start.loop.controller
         self._hold = ZeroOrderHold(law, "own", control.delay)
         sensors = start.scenario.sensors
-        self._sensing = Sensing(law.vehicle, law.reference, sensors, control.estimation)
-        self._hold.readings = self._sensing.readings
+        known = sensors, control.estimation, start.scenario.integration.rate
+        self._sensing = Sensing(law.vehicle, law.reference, *known)
+        self._hold.readings, self._hold.estimator = self._sensing.readings, self._sensing.estimator
         self._loop = replace(start.loop, controller=self._hold)
         self._start, self._bristles = (start.q, start.v), start.loop.bristles
         self._compiled: CompiledLoops | None = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 from pathlib import Path
 from types import ModuleType
 
@@ -12,9 +13,11 @@ from support.compiled import build
 from support.emitted import module_with_derivatives
 
 from benchmarks.filter_consistency import consistency, module_of
-from gibbs_codegen import Estimator, parse_robot, read_scenario, simulate
+from gibbs_codegen import Estimator, Observation, parse_robot, read_flight, read_scenario, simulate
 from gibbs_codegen.arrays import Functions, evaluate
+from gibbs_codegen.cli.simulate import estimation
 from gibbs_codegen.errors import ScenarioFileError, UsageError
+from gibbs_codegen.flight.figures.flight import estimates
 from gibbs_codegen.machine.filters import CALLED, FilteredSensor, StateFilter
 from gibbs_codegen.machine.sensors import SensorAt
 from gibbs_codegen.pipeline import generate_robot
@@ -222,6 +225,40 @@ def test_readings_that_cannot_be_are_refused(cart: ModuleType) -> None:
         with pytest.raises(UsageError, match=words):
             estimator.follow(time, [0.0], [reading])
     assert estimator.estimate.time == before.time
+
+
+def test_flights_keep_what_was_estimated(cart: ModuleType, tmp_path: Path) -> None:
+    """At every sample, also between those of the law, with errors and what sensors left."""
+    told = []
+
+    def law(observation: Observation) -> list[float]:
+        told.append(observation.estimate)
+        return [np.sin(9.0 * observation.time)]
+
+    changes = {"duration": 0.3, "control.rate": 50.0, "sensors.gps": [], "start.settled": False}
+    simulate(cart, read_scenario(SENSED, changes), law).write_npz(tmp_path / "flight.npz")
+    flight = read_flight(tmp_path / "flight.npz")
+    rows = [int(np.argmin(np.abs(flight.time - x.time))) for x in told]
+    np.testing.assert_array_equal(
+        flight.estimates[rows], [[*x.q, *x.v, *x.values["efforts"]] for x in told]
+    )
+    deviations = [np.concatenate([*x.deviations.values()]) for x in told]
+    np.testing.assert_array_equal(flight.estimate_deviations[rows], deviations)
+    errors = np.column_stack([flight.q, flight.v]) - flight.estimates[:, :2]
+    np.testing.assert_allclose(flight.estimate_errors, errors, rtol=0, atol=1e-15)
+    assert len({*flight.estimates[:, 0]}) == len(flight.time) == 31
+    columns = {name: values for name, _, values in flight.columns()}
+    np.testing.assert_array_equal(
+        columns["effort_cart_deviation"], flight.estimate_deviations[:, 2]
+    )
+    np.testing.assert_array_equal(columns["encoders_innovation"], flight.innovations[:, 0])
+    size = np.sqrt(np.mean(errors[:, 0] ** 2))
+    inside = np.mean(np.abs(errors) < 2.0 * flight.estimate_deviations[:, :2])
+    words = rf"off by {size:.2g} m, .* m/s \(RMS\), {100 * inside:.3g} % .*: encoders "
+    assert re.search(words, estimation(flight))
+    for k, axes in enumerate(estimates(flight).axes):
+        np.testing.assert_array_equal(axes.lines[0].get_ydata(), errors[:, k])
+        assert axes.get_ylabel() == ("cart (m)", "cart (m/s)")[k]
 
 
 def test_a_filter_needs_sensors(cart: ModuleType) -> None:

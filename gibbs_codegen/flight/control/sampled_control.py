@@ -69,6 +69,8 @@ class ZeroOrderHold:
     externals: ClassVar[dict[str, Callable[..., Any]]] = {}
     # Readings of the robot's sensors while it flies, if someone takes them.
     readings: Readings | None = None
+    # What tells the state by these, if something does.
+    estimator: Estimator | None = None
 
     def __init__(self, law: ControlLaw, name: str, delay: float = 0.0, rate: float = 0.0) -> None:
         self.vehicle: Vehicle = law.vehicle
@@ -197,7 +199,10 @@ def _wild_commands(vehicle: Vehicle) -> Array:
 
 
 class Sensing:
-    """Observations of states, each with noise of its own; a state as it is by default."""
+    """Observations of states, each with noise of its own; a state as it is by default.
+
+    What is estimated is so at all `samples` of a flight, Hz, besides.
+    """
 
     def __init__(
         self,
@@ -205,6 +210,7 @@ class Sensing:
         reference: Reference,
         sensors: Sensors | None = None,
         estimation: Filter | None = None,
+        samples: float = 0.0,
     ) -> None:
         noise = sensors or Sensors()
         self._vehicle, self._reference = vehicle, reference
@@ -227,6 +233,8 @@ class Sensing:
         self.readings = Readings(SensorSuite(vehicle, noise))
         # What tells the state, if it is not told as it is but for noise.
         self.estimator = Estimator(vehicle, noise, estimation) if estimation else None
+        if estimation:
+            self.readings.rates.add(samples)
         self.reset()
 
     def reset(self, seed: int | None = None) -> None:
@@ -381,7 +389,7 @@ class SampledControl(ZeroOrderHold):
     ) -> None:
         super().__init__(law, name, delay, rate)
         self._sensing, self._controller = sensing, controller
-        self.readings = sensing.readings
+        self.readings, self.estimator = sensing.readings, sensing.estimator
         self._taken = 0
         # Time that a controller of the user's took, s.
         self.spent = 0.0
@@ -494,7 +502,8 @@ def law_in_time(
     """
     control, sensors = scenario.control, scenario.sensors
     rate, delay = control.rate, control.delay
-    sensing = Sensing(law.vehicle, law.reference, sensors, control.estimation)
+    known = sensors, control.estimation, scenario.integration.rate
+    sensing = Sensing(law.vehicle, law.reference, *known)
     if controller is None and control.law == PREDICTIVE and isinstance(law, Controller):
         planning = predictive_law(law, scenario, actuators)
         return SampledControl(law, planning.rate, delay, sensing, planning, PREDICTIVE)

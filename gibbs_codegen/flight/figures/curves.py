@@ -55,7 +55,7 @@ _DRIFT = 1e-8
 _ORIGINS = {"O1": "$O_1$", "O2": "$O_2$"}
 # Shares of a thrust along the base normal: of rotors that are called vertical at least this.
 _VERTICAL = 0.5
-_BAND: dict[str, Any] = {"alpha": 0.3, "linewidth": 0}
+BAND: dict[str, Any] = {"alpha": 0.3, "linewidth": 0}
 # A share of a panel's range: nobody sees what leaves the range of the samples by less.
 _SEEN = 0.005
 _SPAN: dict[str, Any] = {"color": "0.92", "zorder": 0, "linewidth": 0}
@@ -444,7 +444,7 @@ def _draw_bands(axes: Axes, flight: Flight, places: NDArray[np.int_]) -> None:
         if np.nanmax([above[:, place], below[:, place]], initial=0.0) > seen:
             ends = flight.applied_least[:, place], flight.applied_greatest[:, place]
             colour = COLOURS[place % len(COLOURS)]
-            axes.fill_between(flight.time, *ends, step="pre", color=colour, **_BAND)
+            axes.fill_between(flight.time, *ends, step="pre", color=colour, **BAND)
 
 
 def _draw_bounds(axes: Axes, flight: Flight, places: NDArray[np.int_]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from gibbs_codegen.figures import FORMATS
 from gibbs_codegen.figures.appearance import COLOURS
-from gibbs_codegen.figures.style import COLUMN, new_figure, save_figures, style
+from gibbs_codegen.figures.style import COLUMN, FULL, new_figure, save_figures, style
 from gibbs_codegen.flight.figures import curves
 from gibbs_codegen.flight.figures.curves import actuators as actuators
 from gibbs_codegen.flight.figures.curves import coordinates as coordinates
@@ -137,6 +137,23 @@ def contacts(flight: Flight, width: float = COLUMN) -> Figure:
         return curves.finished(figure, flight)
 
 
+def estimates(flight: Flight) -> Figure:
+    """Draw errors of estimated coordinates and velocities, rad, m and per s, and two deviations."""
+    layout = flight.layout.v
+    with style():
+        figure = new_figure(FULL, 0.4 + 1.1 * layout.size)
+        rows = figure.subplots(layout.size, 2, sharex=True, squeeze=False)
+        for k, axes in enumerate(rows.T.ravel()):
+            band, place = 2.0 * flight.estimate_deviations[:, k], k % layout.size
+            axes.fill_between(flight.time, -band, band, label="two deviations", **curves.BAND)
+            error = flight.estimate_errors[:, k]
+            curves.plot_line(axes, flight, error, label="error of estimates", linewidth=1.0)
+            unit = layout.units[place].removesuffix("" if k > place else "/s")
+            curves.label_axes(axes, f"{curves.symbol(layout.names[place])} ({unit})")
+        curves.add_key(rows[0, 1])
+        return curves.finished(figure, flight)
+
+
 FIGURES: tuple[Callable[[Flight], Figure], ...] = tuple(globals()[name] for name in NAMES)
 
 
@@ -156,6 +173,7 @@ def write_figures(
         constraint_torques: int(np.isfinite(flight.constraint_torques).sum()),
         tracking_error: int(np.isfinite(flight.q_desired).sum()),
         contacts: flight.contact_forces.shape[1],
+        estimates: flight.estimates.shape[1],
     }
     drawn = [draw for draw in FIGURES if counts.get(draw, 1)][share::of]
     return save_figures(((draw.__name__, draw(flight)) for draw in drawn), folder, formats)

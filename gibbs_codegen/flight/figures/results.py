@@ -23,7 +23,7 @@ ANIMATIONS = ("gif", "mp4")
 # Names of figures, which are functions of `flight.figures.flight`.
 FIGURES = (
     *("coordinates", "snapshots", "snapshots_panels", "inputs", "actuators", "battery"),
-    *("outside", "constraint_torques", "tracking_error", "energy", "contacts"),
+    *("outside", "constraint_torques", "tracking_error", "energy", "contacts", "estimates"),
 )
 # Names of all files of results.
 _NAMES = {f"flight.{suffix}" for suffix in ("npz", "csv", *ANIMATIONS)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 from collections.abc import Iterable, Mapping
@@ -109,8 +110,12 @@ class Estimator:
         functions, joints = Functions(vehicle.module), vehicle.joints > 0
         self._filter = StateFilter(functions, sensing, efforts=joints, **frames)
         self.programs: Mapping[str, Program] = self._filter.programs()
+        self._names = [device.name for device in suite.devices]
         self._latest = max(device.delay for device in suite.devices)
         self._instants: list[_Instant] = []
+        # Times, s, and then what is known, its deviations, and the last innovation of each sensor.
+        self._record: list[tuple[float, Array, Array, Array]] = []
+        self._innovations = np.full(len(suite.devices), np.nan)
 
     @cached_property
     def _compiled(self) -> dict[str, StateProgram]:
@@ -168,6 +173,7 @@ class Estimator:
             "covariance": np.diag(variances),
         }
         self._instants = [_Instant(time, np.zeros(len(self._vehicle.inputs)), memory, memory)]
+        self._record, self._innovations[:] = [], np.nan
 
     def follow(
         self, time: float, u: ArrayLike, readings: Iterable[tuple[str, float, ArrayLike]] = ()
@@ -210,15 +216,64 @@ class Estimator:
                 now.after = self._run(name, now.after, u=now.u, reading=values)
         old = sum(x.time < time - self._latest - _SAME for x in instants)
         del instants[: min(max(old - 1, 0), len(instants) - 1)]
+        if self._record and time < self._record[-1][0] + _SAME:
+            self._record.pop()
+        memory = self.memory
+        known = np.concatenate([memory[name] for name in ("q", "v", "loads", "biases")])
+        spread = np.sqrt(np.diagonal(memory["covariance"]))
+        self._record.append((time, known, spread, self._innovations.copy()))
+
+    @property
+    def _rest(self) -> dict[str, list[tuple[str, str]]]:
+        """Names and units of entries of loads and of biases, by what they are part of."""
+        vehicle, suite = self._vehicle, self._suite
+        joints = zip(vehicle.joint_names, vehicle.layout.effort_units, strict=True)
+        pushes = [("force", "N"), ("torque", "N m")]
+        found = {
+            "wrench": [(f"wrench_{x}_{axis}", unit) for x, unit in pushes for axis in "xyz"],
+            "efforts": [(f"effort_{name}", unit) for name, unit in joints],
+            "payload": [("payload", "kg")],
+        }
+        named = list(zip((f"{name}_bias" for name in suite.names), suite.units, strict=True))
+        for name, rows, biased in zip(self._names, suite.places, suite.biases, strict=True):
+            found[f"{name}_bias"] = [named[rows][k] for k in biased]
+        return {name: found[name] for name in self._filter.places if name in found}
+
+    def series(self, time: Array, q: Array, v: Array) -> dict[str, Any]:
+        """What was known at times, last before or then.
+
+        Args:
+            time: Times (s) since `begin`, s.
+            q: True coordinates (s, nq).
+            v: True velocities (s, nv).
+
+        Returns:
+            Fields of a `Flight` by their names, as from `estimates` to `innovations` there.
+        """
+        times, known, spread, innovations = map(np.array, zip(*self._record, strict=True))
+        last = np.maximum(np.searchsorted(times, time + _SAME) - 1, 0)
+        places = np.cumsum([q.shape[1], v.shape[1]])
+        known_q, known_v, _ = np.split(known[last], places, axis=1)
+        off = self._vehicle.function("difference")(known_q, q)
+        names, units = zip(*itertools.chain(*self._rest.values()), strict=True) or ((), ())
+        return {
+            "estimates": known[last],
+            "estimate_names": names,
+            "estimate_units": units,
+            "estimate_deviations": spread[last],
+            "estimate_errors": np.concatenate([off, v - known_v], axis=1),
+            "innovations": innovations[last],
+            "innovation_names": tuple(self._names),
+        }
 
     def _checked(
         self, now: float, name: str, taken: float, values: Any
     ) -> tuple[str, float, Array]:
         """A reading that comes at a time, s."""
-        devices, oldest = [device.name for device in self._suite.devices], self._instants[0].time
-        if name not in devices:
-            raise UsageError(f"readings: {written(name)} is none of {', '.join(devices)}")
-        size = len(self._suite.variances[devices.index(name)])
+        oldest = self._instants[0].time
+        if name not in self._names:
+            raise UsageError(f"readings: {written(name)} is none of {', '.join(self._names)}")
+        size = len(self._suite.variances[self._names.index(name)])
         numbers = real(f"readings: {name}", values, f"{size} numbers", (size,))
         if not oldest - _SAME <= taken <= now + _SAME and np.isfinite(numbers).all():
             raise UsageError(
@@ -234,6 +289,9 @@ class Estimator:
             if key in program.inputs:
                 program.inputs[key][...] = value
         program.run()
+        if name:
+            count = len(self._suite.variances[place := self._names.index(name)])
+            self._innovations[place] = program.outputs["nis"] / count
         outputs = {key.removesuffix("_next"): x for key, x in program.outputs.items()}
         return {key: outputs[key].copy() if key in outputs else x for key, x in memory.items()}
 
@@ -243,6 +301,11 @@ class Estimator:
         if not self._instants:
             raise UsageError("the filter knows no state yet; call begin(q, v) first")
         return self._instants[-1]
+
+    @property
+    def time(self) -> float:
+        """The last time, s."""
+        return self._last.time
 
     @property
     def memory(self) -> dict[str, Array]:

@@ -306,6 +306,8 @@ class Readings:
 
     def __init__(self, suite: SensorSuite) -> None:
         self.suite = suite
+        # How often, Hz, something is taken at least.
+        self.rates = {device.rate for device in suite.devices}
         self.reset(suite.seed)
 
     def reset(self, seed: int) -> None:
@@ -320,9 +322,9 @@ class Readings:
     def instants(self, begin: float, end: float) -> Array:
         """Times from `begin` to `end`, s, at which there is something to measure."""
         times: set[float] = set()
-        for device in self.suite.devices:
-            first, last = math.floor(begin * device.rate), math.ceil(end * device.rate)
-            times.update(k / device.rate for k in range(first, last + 1))
+        for rate in self.rates:
+            first, last = math.floor(begin * rate), math.ceil(end * rate)
+            times.update(k / rate for k in range(first, last + 1))
         return np.array(sorted(time for time in times if begin <= time <= end))
 
     def take(self, time: float, measure: Callable[[], Array]) -> None:

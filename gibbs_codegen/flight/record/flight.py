@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError, cause_of, printable
-from gibbs_codegen.flight.record.series import NO_SERIES, RANGES, StrPath
+from gibbs_codegen.flight.record.series import NO_ESTIMATES, NO_SERIES, RANGES, StrPath
 from gibbs_codegen.flight.record.series import Array as Array
 from gibbs_codegen.flight.record.series import Flight as Flight
 
@@ -23,7 +23,7 @@ Arrays = dict[str, NDArray[Any]]
 _NUMBERS: dict[str, Any] = {"control_rate": float, "tangent_arm": int}
 _NUMBERS |= {"weight": float, "gravity": float}
 _OF_NO_TIME = NO_SERIES | {"parents", "thrust_directions", "wall_forces", "commands", "actuators"}
-_OF_NO_TIME |= {"hold_errors", "hold_forces", "sensors", "battery"}
+_OF_NO_TIME |= {"hold_errors", "hold_forces", "sensors", "battery", *NO_ESTIMATES}
 _OF_NO_TIME |= {f"contact_{quantity}" for quantity in ("forces", "friction", "slip", "depth")}
 _WANTED = "give the flight.npz that `gibbs-codegen simulate` wrote, or what write_npz wrote"
 

@@ -18,7 +18,7 @@ from gibbs_codegen.flight.integration.state_history import InputRanges, StateHis
 from gibbs_codegen.flight.plant.actuators import has_battery
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.record.flight import Flight
-from gibbs_codegen.flight.record.series import RANGES, point_parents
+from gibbs_codegen.flight.record.series import NO_ESTIMATES, RANGES, point_parents
 from gibbs_codegen.flight.scenario.orientation import Tangent, heading_error
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.machine.state import State
@@ -114,6 +114,7 @@ class Recording:
             "sensor_units": lambda: loop.sensors.units if loop.sensors else (),
             "sensor_frames": lambda: loop.sensors.frames if loop.sensors else (),
             "sensors": self._sensors,
+            **{name: partial(self._estimate, name) for name in NO_ESTIMATES},
             **self._of_drives,
         }
 
@@ -248,6 +249,20 @@ class Recording:
         last = partial(loop.sensors.measurements, *(part[-1] for part in moved))
         loop.hold.readings.take(time[-1], last)
         return loop.hold.readings.series(time)
+
+    @cached_property
+    def _estimates(self) -> dict[str, Any]:
+        """What a filter told in flight, by fields of `Flight`."""
+        hold, (q, v) = self.loop.hold, self._parts[:2]
+        if hold is None or hold.estimator is None or hold.readings is None:
+            return NO_ESTIMATES
+        self._sensors()  # With those at the end.
+        if (time := float(self._time[-1])) > hold.estimator.time:  # Ends are no instants.
+            hold.estimator.follow(time, self._inputs[1][-1], hold.readings.come(time))
+        return hold.estimator.series(self._time, q, v)
+
+    def _estimate(self, name: str) -> Any:
+        return self._estimates[name]
 
     def _disc_radii(self) -> Array:
         """Radii (N), m, of the discs of rotors, 0 where neither scenario nor robot says them."""

@@ -35,6 +35,13 @@ NO_SERIES = frozenset(
         *("input_limits", "joint_limits", "walls", "wheels"),
     }
 )
+# Fields of a flight in which nothing estimates the state.
+NO_ESTIMATES: dict[str, Any] = {
+    **dict.fromkeys(("estimate_names", "estimate_units", "innovation_names"), ()),
+    **dict.fromkeys(
+        ("estimates", "estimate_deviations", "estimate_errors", "innovations"), np.zeros((0, 0))
+    ),
+}
 # Rows of a CSV that are written at a time.
 _ROWS = 4096
 # A wall carries a robot that rests on it by no more than this share of the weight.
@@ -122,6 +129,12 @@ class Flight:
     `sensors` (s, m) are what the robot's sensors had told last at each sample, by `sensor_names`
     and `sensor_units`, as `SensorSuite` describes them; NaN before the first reading, and (s, 0)
     without sensors. `sensor_frames` (m) are the frames at which they are, "" of those at none.
+    `estimates` (s, nq + nv + e) are what a filter told at each sample: q, v, and loads and biases
+    by `estimate_names` and `estimate_units` (e). `estimate_errors` (s, 2 nv) are displacements from
+    estimates to q, and differences to v; `estimate_deviations` (s, 2 nv + e) what the filter takes
+    for standard deviations of these and of the others. `innovations` (s, d) are the last squared
+    innovations of sensors by `innovation_names`, normalised so that 1 is their mean. Without a
+    filter all are empty.
     `wheels` (w, 3) are the angles of wheels that turn by the way along the base's axes, rad/m, and
     `wheel_points` (w) the points where they turn.
     `disc_radii` (N), m, are those of the rotors, 0 where nobody says them.
@@ -215,6 +228,13 @@ class Flight:
     sensor_units: tuple[str, ...] = ()
     sensor_frames: tuple[str, ...] = ()
     sensors: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    estimate_names: tuple[str, ...] = field(default=(), repr=False)
+    estimate_units: tuple[str, ...] = field(default=(), repr=False)
+    estimates: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    estimate_deviations: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    estimate_errors: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    innovation_names: tuple[str, ...] = field(default=(), repr=False)
+    innovations: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
 
     @property
     def rotors(self) -> int:
@@ -532,6 +552,24 @@ class Flight:
                 yield f"{frame}_force_{axis}", "N", series[:, k]
                 yield f"{frame}_torque_{axis}", "N m", series[:, k + 3]
         yield from zip(self.sensor_names, self.sensor_units, self.sensors.T, strict=True)
+        told = [*places.names, *rates, *self.estimate_names]
+        off = [*(f"displacement_{name}" for name in velocities.names), *told[places.size :]]
+        of_rest = [*velocities.units, *self.estimate_units]
+        of_off = [*(unit.removesuffix("/s") for unit in velocities.units), *of_rest]
+        for names, units, suffix, series in (
+            (told, (*places.units, *of_rest), "estimated", self.estimates),
+            (off, of_off, "error", self.estimate_errors),
+            (off, of_off, "deviation", self.estimate_deviations),
+            (
+                self.innovation_names,
+                ("1",) * self.innovations.shape[1],
+                "innovation",
+                self.innovations,
+            ),
+        ):
+            # Flights without estimates have none, and errors are not known of what nobody measures.
+            for name, unit, values in zip(names, units, series.T, strict=False):
+                yield f"{name}_{suffix}", unit, values
         for k, values in enumerate(self.wall_forces.T, start=1):
             yield f"wall_{k}_force", "N", values
         for k, name in enumerate(self.contact_names):

@@ -36,7 +36,7 @@ pytestmark = pytest.mark.usefixtures("derived_once")
 Drawn = Callable[[Callable[[Flight], Figure], str], Figure]
 Array = NDArray[Any]
 Shipped = Callable[[str], ModuleType]
-OWN_TESTS = ("snapshots", "snapshots_panels", "actuators", "battery", "outside")
+OWN_TESTS = ("snapshots", "snapshots_panels", "actuators", "battery", "outside", "estimates")
 PLOTS = [draw for draw in figures.FIGURES if draw.__name__ not in OWN_TESTS]
 
 TWO_ROTORS = """
