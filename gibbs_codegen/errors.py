@@ -223,8 +223,9 @@ class MissingFunctionError(UsageError, AttributeError):
         flags = " ".join(f"--{option}={','.join(words)}" for option, words in options.items())
         listed = {option: ", ".join(f'"{x}"' for x in words) for option, words in options.items()}
         python = ", ".join(f"{option}=[{words}]" for option, words in listed.items())
+        lacks = ", ".join([*missing[:3], *([f"{len(missing) - 3} more"] if missing[3:] else [])])
         super().__init__(
-            f"{module}: has no {', '.join(missing)}, generated on request only: gibbs-codegen "
+            f"{module}: has no {lacks}, generated on request only: gibbs-codegen "
             f"generate {module} {flags}, or {python} in Python"
         )
 

@@ -321,5 +321,5 @@ def _needed(text: str) -> str:
 
 def _for_one_state(name: str) -> str:
     """A file of functions written by hand, with numbers of one state."""
-    text = c_source(name).replace("static INLINE void solve(", "static INLINE void solve_real(")
+    text = c_source(name).replace("static INLINE void solve(", "static INLINE void real_solve(")
     return re.sub(r"\bINLINE\b", "inline", re.sub(r"\bnumber\b", "real", text))

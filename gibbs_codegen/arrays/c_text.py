@@ -427,7 +427,7 @@ class CProgram:
         if self.is_plain and name in _ANGLES:
             return Text(f"LIBRARY({name})({terms[0]})")
         if self.uniform(x):
-            return Text(f"{_FUNCTIONS[name]}_real({', '.join(terms)})")
+            return Text(f"real_{_FUNCTIONS[name]}({', '.join(terms)})")
         numbers = [
             self._same(term) if self.uniform(y) else term
             for term, y in zip(terms, x.arguments, strict=True)
@@ -662,7 +662,7 @@ class CProgram:
         x, angles = group[0], group[0].arguments[0]
         name = "sines_and_cosines" if x.shape else "sine_and_cosine"
         yield from self._called(
-            f"{name}_real" if self.uniform(x) else name,
+            f"real_{name}" if self.uniform(x) else name,
             [str(x.size)] if x.shape else [],
             [(angles, self.uniform(x))],
             {_name_of(y): y for y in group},
@@ -675,7 +675,7 @@ class CProgram:
         arguments = [self.pointer(y, lines, self.uniform(x)) for y in (matrix, right)]
         width = x.size // x.shape[0]
         yield from lines
-        name = "solve_real" if self.uniform(x) else "solve"
+        name = "real_solve" if self.uniform(x) else "solve"
         at = self.view(x)
         yield f"{name}({x.shape[0]}, {width}, {', '.join(arguments)}, {at.first});"
 

@@ -91,7 +91,7 @@ static double error_of(const Solver *s, const int rough, const double h)
 {
     double squares[2] = {0.0, 0.0};
     for (int i = 0; i < STATE; ++i) {
-        const double most = maximum_real(absolute_real(s->before[i]), absolute_real(s->after[i]));
+        const double most = real_maximum(real_absolute(s->before[i]), real_absolute(s->after[i]));
         const double tolerance =
             s->flow->absolute[rough] * s->scale[i] + s->flow->relative[rough] * most;
         for (int order = 0; order < 2; ++order) {

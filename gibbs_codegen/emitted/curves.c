@@ -14,8 +14,8 @@ static void curves_at(
     const real *RESTRICT table, const int n, const real time, real *RESTRICT found)
 {
     const real piece = table[1], pieces = table[2];
-    const real since = minimum_real(maximum_real(time - table[0], R(0.0)), piece * pieces);
-    const real whole = minimum_real(LIBRARY(floor)(since / piece), pieces - R(1.0));
+    const real since = real_minimum(real_maximum(time - table[0], R(0.0)), piece * pieces);
+    const real whole = real_minimum(LIBRARY(floor)(since / piece), pieces - R(1.0));
     const real s = since - whole * piece;
     const real *RESTRICT c = table + 3 + (size_t)whole * (size_t)(POWERS * n);
     for (int i = 0; i < n; ++i) {

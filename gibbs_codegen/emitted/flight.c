@@ -26,7 +26,7 @@ static int take_samples(const void **given, Flow *flow, const int due, const dou
         const int n = flow->sampled;
         given[ERRORS_AT] = law->errors + n * OBSERVED;
         given[LEARNS_AT] = law->learns + n;
-        take_sample(given, law->times[n], x, law->commands + (law->before + n) * HELD_INPUTS,
+        take_sample(given, law->times[n], x, law->commands + (law->before + n) * HELD_WIDTH,
             learnt, &refused);
         if (refused > 0.0) {
             memcpy(law->memory, before, LEARNT * sizeof *before);
@@ -61,7 +61,7 @@ void flow_legs(const void **given, Flow *flow, const Leg *legs, double *x, const
                 flow->reason = REFUSED;
                 return;
             }
-            given[HELD_AT] = law->commands + leg->command * HELD_INPUTS;
+            given[HELD_AT] = law->commands + leg->command * HELD_WIDTH;
 #endif
             flow->begun = 1;
             flow->done = 0;

@@ -276,12 +276,12 @@ static INLINE real step_of(
         const real price = excess_price(plan, place, side);
         side->excess_step = (excess_aim + side->excess * side->price_step) / price - side->excess;
         gap += side->excess + side->excess_step;
-        share = maximum_real(share, side->price_step / price);
-        share = maximum_real(share, -side->excess_step / side->excess);
+        share = real_maximum(share, side->price_step / price);
+        share = real_maximum(share, -side->excess_step / side->excess);
     }
     side->slack_step = gap;
-    share = maximum_real(share, -side->price_step / side->price);
-    return maximum_real(share, -side->slack_step / side->slack);
+    share = real_maximum(share, -side->price_step / side->price);
+    return real_maximum(share, -side->slack_step / side->slack);
 }
 
 /* Mean of price times slack after a share of the steps; the number of products goes to `count`. */
@@ -316,10 +316,10 @@ static INLINE void begin_side(
     side->weight = side->constant = side->excess = side->price = R(0.0);
     side->slack = R(1.0);
     if (is_limited(side)) {
-        side->slack = maximum_real(left, least * plan->scale[place / 2]);
+        side->slack = real_maximum(left, least * plan->scale[place / 2]);
         side->price = plan->barrier / side->slack;
         if (may_exceed(plan, place)) {
-            side->price = minimum_real(side->price, R(0.5) * plan->penalty[place / 2]);
+            side->price = real_minimum(side->price, R(0.5) * plan->penalty[place / 2]);
             side->excess = plan->barrier / excess_price(plan, place, side);
         }
     }
@@ -345,13 +345,13 @@ static void begin_sides(Plan *plan)
  */
 static void begin_again(Plan *plan, const int count)
 {
-    plan->barrier = maximum_real(plan->barrier, plan->magnitude / (real)count);
+    plan->barrier = real_maximum(plan->barrier, plan->magnitude / (real)count);
     for (int k = 0; k <= NODES; ++k) {
         Node *node = &plan->node[k];
         memcpy(node->w, node->next, sizeof node->w);
         for (int place = 0; place < SIDES; ++place) {
             begin_side(plan, place, &node->sides[place],
-                absolute_real(node->sides[place].slack + node->sides[place].slack_step), R(0.1));
+                real_absolute(node->sides[place].slack + node->sides[place].slack_step), R(0.1));
         }
     }
 }
@@ -393,7 +393,7 @@ static real steps_of(Plan *plan, const real barrier, const int is_corrected, con
                 linearise_side(plan, place, side, aim, excess_aim);
             } else {
                 const real *next = reals(plan->node[k].next);
-                most = maximum_real(most, step_of(plan, place, side, next, excess_aim));
+                most = real_maximum(most, step_of(plan, place, side, next, excess_aim));
             }
         }
     }
@@ -442,7 +442,7 @@ static int solve_plan(Plan *plan)
             continue;
         }
         const real left = mean_product(plan, share, &count) / mean;
-        const real barrier = maximum_real(left * left * left * mean, R(0.1) * plan->tolerance);
+        const real barrier = real_maximum(left * left * left * mean, R(0.1) * plan->tolerance);
         steps_of(plan, barrier, 1, 1);
         solve_nodes(plan);
         share = steps_of(plan, barrier, 1, 0);

@@ -42,42 +42,42 @@ static INLINE int any(const flags which)
 #endif
 }
 
-static INLINE real minimum_real(const real a, const real b)
+static INLINE real real_minimum(const real a, const real b)
 {
     return b < a ? b : a;
 }
 
-static INLINE real maximum_real(const real a, const real b)
+static INLINE real real_maximum(const real a, const real b)
 {
     return b > a ? b : a;
 }
 
-static INLINE real choose_real(const real a, const real b, const real above, const real otherwise)
+static INLINE real real_choose(const real a, const real b, const real above, const real otherwise)
 {
     return a > b ? above : otherwise;
 }
 
-static INLINE real absolute_real(const real a)
+static INLINE real real_absolute(const real a)
 {
     return LIBRARY(fabs)(a);
 }
 
-static INLINE real signed_as_real(const real a, const real sign)
+static INLINE real real_signed_as(const real a, const real sign)
 {
     return LIBRARY(copysign)(a, sign);
 }
 
-static INLINE real square_root_real(const real a)
+static INLINE real real_square_root(const real a)
 {
     return LIBRARY(sqrt)(a);
 }
 
-static INLINE real exponential_real(const real a)
+static INLINE real real_exponential(const real a)
 {
     return LIBRARY(exp)(a);
 }
 
-static INLINE real arctan2_real(const real a, const real b)
+static INLINE real real_arctan2(const real a, const real b)
 {
     return LIBRARY(atan2)(a, b);
 }
@@ -88,14 +88,14 @@ static INLINE flags greater(const number a, const number b)
     return a > b;
 }
 
-#define minimum minimum_real
-#define maximum maximum_real
-#define choose choose_real
-#define absolute absolute_real
-#define signed_as signed_as_real
-#define square_root square_root_real
-#define exponential exponential_real
-#define arctan2 arctan2_real
+#define minimum real_minimum
+#define maximum real_maximum
+#define choose real_choose
+#define absolute real_absolute
+#define signed_as real_signed_as
+#define square_root real_square_root
+#define exponential real_exponential
+#define arctan2 real_arctan2
 #else
 /* Vectors that are wider than registers gcc compares entry by entry, but not their parts. */
 #ifdef __clang__
@@ -155,14 +155,14 @@ static INLINE number signed_as(const number a, const number sign)
         return found; \
     }
 
-IN_LANES(square_root, square_root_real)
-IN_LANES(exponential, exponential_real)
+IN_LANES(square_root, real_square_root)
+IN_LANES(exponential, real_exponential)
 
 static INLINE number arctan2(const number a, const number b)
 {
     number found;
     for (int lane = 0; lane < LANES; ++lane) {
-        found[lane] = arctan2_real(a[lane], b[lane]);
+        found[lane] = real_arctan2(a[lane], b[lane]);
     }
     return found;
 }

@@ -181,7 +181,7 @@ WIDE static real value_of_plan(
         for (int lane = 0; lane < LANES && first + lane < NODES; ++lane) {
             sum += reals(&cost)[lane];
             for (int i = 0; i < STATES; ++i) {
-                *gaps += absolute_real(reals(gap)[i * LANES + lane]);
+                *gaps += real_absolute(reals(gap)[i * LANES + lane]);
             }
         }
     }
@@ -215,7 +215,7 @@ static real value_with_gaps(
     const real cost = value_of_plan(constants, own, room->candidate[0], room->candidate_u[0], gaps);
     displacements(constants, room->candidate[0], x, 1, room->away[0]);
     for (int i = 0; i < STATES; ++i) {
-        *gaps += absolute_real(room->away[0][i]);
+        *gaps += real_absolute(room->away[0][i]);
     }
     return cost;
 }
@@ -252,7 +252,7 @@ static int iterate(const Constants *constants, Controller *own, Room *room, cons
     slope_of_cost(plan, &slope, &bend);
     real price = R(0.0);
     if (gaps_before > R(1e-12)) {
-        price = maximum_real((slope + R(0.5) * bend) / (R(0.7) * gaps_before), R(0.0));
+        price = real_maximum((slope + R(0.5) * bend) / (R(0.7) * gaps_before), R(0.0));
     }
     const real merit = before + price * gaps_before;
     own->share = R(2.0);
@@ -263,7 +263,7 @@ static int iterate(const Constants *constants, Controller *own, Room *room, cons
         own->cost = value_with_gaps(constants, own, room, x, &gaps);
         own->gaps = gaps;
         const real fall = own->share * (price * gaps_before - slope);
-        const real rounding = R(1e-9) * (R(1.0) + absolute_real(merit));
+        const real rounding = R(1e-9) * (R(1.0) + real_absolute(merit));
         is_better = own->cost + price * gaps <= merit - R(1e-4) * fall + rounding;
     }
     if (!is_better) {
@@ -361,8 +361,8 @@ int MODULE(predictive_feedback)(Controller *own, const real *state, real *u)
         const int i = placed[row][0], is_rate = placed[row][1] >= 0;
         if (i < INPUTS) {
             const real about = is_rate ? own->acting[i] : R(0.0), h = is_rate ? own->h[0] : R(1.0);
-            u[i] = minimum_real(
-                maximum_real(u[i], about + own->least[row] * h), about + own->most[row] * h);
+            u[i] = real_minimum(
+                real_maximum(u[i], about + own->least[row] * h), about + own->most[row] * h);
         }
     }
     return solved;

@@ -5,7 +5,7 @@ static INLINE void widen(const number *inputs, real *range)
 {
     for (int i = 0; range && i < RANGED; ++i) {
         const real value = ((const real *)inputs)[i * LANES];
-        range[i] = minimum_real(range[i], value);
-        range[RANGED + i] = maximum_real(range[RANGED + i], value);
+        range[i] = real_minimum(range[i], value);
+        range[RANGED + i] = real_maximum(range[RANGED + i], value);
     }
 }

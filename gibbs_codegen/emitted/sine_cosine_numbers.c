@@ -1,5 +1,5 @@
 /* Sines and cosines of `count` angles. */
-static INLINE void sines_and_cosines_real(
+static INLINE void real_sines_and_cosines(
     const int count, const real *angles, real *sines, real *cosines)
 {
     if (count > 4) {
@@ -9,14 +9,14 @@ static INLINE void sines_and_cosines_real(
     }
 }
 
-static INLINE void sine_and_cosine_real(const real angle, real *sine, real *cosine)
+static INLINE void real_sine_and_cosine(const real angle, real *sine, real *cosine)
 {
     sine_cosine_few(1, &angle, sine, cosine);
 }
 
 #if LANES == 1
-#define sines_and_cosines sines_and_cosines_real
-#define sine_and_cosine sine_and_cosine_real
+#define sines_and_cosines real_sines_and_cosines
+#define sine_and_cosine real_sine_and_cosine
 #else
 #define KERNEL sine_cosine_number
 #define NUMBER number

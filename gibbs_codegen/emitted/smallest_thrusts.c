@@ -86,7 +86,7 @@ static void force_axis_of_state(const real *columns, real *found)
         }
     }
     /* Rotors may push either way; where as many push up as down, the greatest one decides. */
-    const real size = signed_as_real(square_root_real(largest), along);
+    const real size = real_signed_as(real_square_root(largest), along);
     for (int i = 0; i < 3; ++i) {
         found[i] = force[i] / size;
     }

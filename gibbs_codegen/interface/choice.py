@@ -27,21 +27,28 @@ def derivatives_among(functions: Iterable[str]) -> tuple[str, ...]:
 
 
 def options_with(names: Iterable[str], functions: Collection[str]) -> dict[str, list[str]]:
-    """The words of options that bring functions, and keep others."""
+    """The words of options that bring functions, and keep others.
+
+    A group stands for most of its functions, so that the words are few.
+    """
     every = [name for name in dict.fromkeys((*functions, *names)) if name in FUNCTIONS]
-    words = {"derivatives": [*derivatives_among(every)], "functions": _words(every)}
+    words = {"derivatives": [*derivatives_among(every)], "functions": _words(every, share=0.5)}
     return {option: listed for option, listed in words.items() if listed not in ([], [DEFAULT])}
 
 
-def _words(functions: Collection[str]) -> list[str]:
-    """Groups and names for functions, less the derivatives among them."""
+def _words(functions: Collection[str], share: float = 1.0) -> list[str]:
+    """Groups and names for functions, less the derivatives among them.
+
+    A group stands where more than a share of it is among them, or all.
+    """
     derivatives = derivatives_among(functions)
     rest = [name for name in functions if name not in derivatives]
     words = []
     for word in (DEFAULT, *GROUPS):
         # Not every robot has those that need something.
         members = [name for name in group(word) if not FUNCTIONS[name].needs] or group(word)
-        if rest and {*members} <= {*rest}:
+        count = len({*members} & {*rest})
+        if count == len(members) or count > share * len(members):
             words.append(word)
             rest = [name for name in rest if name not in group(word)]
     return words + rest

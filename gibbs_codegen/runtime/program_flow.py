@@ -109,7 +109,7 @@ def flow_source(programs: Mapping[str, Program], robot: Functions) -> str:
             f"enum {{ {', '.join(numbers)} }};",
             f"enum {{ OBSERVED = {_inputs(programs)['errors'].size} }};",
             f"enum {{ LEARNT = {sample.outputs['learnt'].size} }};",
-            f"enum {{ HELD_INPUTS = {sample.outputs['commands'].size} }};",
+            f"enum {{ HELD_WIDTH = {sample.outputs['commands'].size} }};",
             *c_functions([sample], _SAMPLED, "static "),
             *entry("sample", [sample], owners, names, [*sample.outputs], _SAMPLED),
         ]

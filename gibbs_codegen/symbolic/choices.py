@@ -17,7 +17,10 @@ def above(tape: Scalars, x: sp.Expr) -> sp.Expr:
     return tape.let(_HALF + _HALF * tape.let(sp.sign(tape.let(x))))
 
 
-def chosen(tape: Scalars, above: sp.Expr, one: sp.Expr, other: sp.Expr) -> sp.Expr:
-    """One where `above` is 1, the other where it is 0; both are finite."""
+def or_one(tape: Scalars, above: sp.Expr, x: sp.Expr) -> sp.Expr:
+    """A finite x where `above` is 1, else 1.
+
+    The square keeps apart what would be summed as 1 + x − 1, without the last digits of a small x.
+    """
     rest = tape.let(1 - above)
-    return tape.let(tape.let(above * one) + tape.let(rest * other))
+    return tape.let(tape.let(above * x) + tape.let(rest * rest))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import sympy as sp
 
-from gibbs_codegen.symbolic.choices import above, chosen
+from gibbs_codegen.symbolic.choices import above, or_one
 from gibbs_codegen.symbolic.tape import Scalars, Values, times
 
 Rows = Sequence[Values]
@@ -198,7 +198,7 @@ class PseudoInverse:
         def there(k: int, pivot: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
             least = tape.let(tape.let(share * sizes[k]) + whole)
             large = above(tape, tape.let(pivot - least))
-            return large, chosen(tape, large, pivot, one)
+            return large, or_one(tape, large, pivot)
 
         self._factors = factors = _Orthogonal(tape, vectors, weights, there)
         # L₁ = Q R by columns from the last to the first: in this order none that is there gets
@@ -209,7 +209,7 @@ class PseudoInverse:
         ]
 
         def at_least_one(_: int, pivot: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-            return one, chosen(tape, above(tape, tape.let(pivot - 1)), pivot, one)
+            return one, or_one(tape, above(tape, tape.let(pivot - 1)), pivot)
 
         self._turned = _Orthogonal(tape, columns, [one] * size, at_least_one)
 

@@ -67,9 +67,10 @@ class Constraints:
         owners = np.repeat(range(len(self._ties)), [len(ROWS[tie.holds]) for tie in self._ties])
         held = states.active[:, owners]
         matrix = values.mass_matrix[:, tree.free][:, :, tree.free]
-        j = jacobian.value * held[:, :, None]
+        jacobian = Sized(*(part * held[:, :, None] for part in jacobian))
+        j = jacobian.value
         moved = np.linalg.solve(matrix, np.swapaxes(j, -1, -2))
-        inverse, condition = self._inverse(matrix, j, sizes)
+        inverse, condition = self._inverse(matrix, jacobian, sizes)
         clear = np.isfinite(condition)
         unknown = np.where(clear, 0.0, UNKNOWN)
         condition = np.where(clear, condition, 1.0)
@@ -108,14 +109,15 @@ class Constraints:
 
         The first is infinity where that is not clear.
         """
-        rows = [self._rows(tie, values, states, sizes)[1].value for tie in self._ties]
-        owners = np.repeat(range(len(rows)), [row.shape[1] for row in rows])
-        jacobian = np.concatenate(rows, axis=1) * states.active[:, owners, None]
+        rows = [self._rows(tie, values, states, sizes)[1] for tie in self._ties]
+        owners = np.repeat(range(len(rows)), [row.value.shape[1] for row in rows])
+        held = states.active[:, owners, None]
+        jacobian = Sized(*(np.concatenate(x, axis=1) * held for x in zip(*rows, strict=True)))
         matrix = values.mass_matrix[:, self._tree.free][:, :, self._tree.free]
-        moved = np.linalg.solve(matrix, np.swapaxes(jacobian, -1, -2))
+        moved = np.linalg.solve(matrix, np.swapaxes(jacobian.value, -1, -2))
         return self._inverse(matrix, jacobian, sizes)[1], moved
 
-    def _inverse(self, matrix: Array, jacobian: Array, sizes: Sizes) -> tuple[Array, Array]:
+    def _inverse(self, matrix: Array, jacobian: Sized, sizes: Sizes) -> tuple[Array, Array]:
         """The pseudo-inverse of J M⁻¹ Jᵀ, and by how much it stretches errors."""
         units = sizes.free_units[:, None]
         shares, axes = np.linalg.eigh(matrix / sizes.free_matrix)
@@ -123,8 +125,9 @@ class Constraints:
         # Digits that M takes, next to a singular attitude nearly all.
         lost = shares[:, -1] / shares[:, 0]
         ends = np.cumsum([len(ROWS[tie.holds]) for tie in self._ties])
-        vectors = jacobian / units @ axes / np.sqrt(shares)[:, None]
-        return _pseudo_inverse(vectors, ends, lost, self._rounding)
+        vectors = jacobian.value / units @ axes / np.sqrt(shares)[:, None]
+        natural = np.linalg.norm(jacobian.size / units, axis=-1) / np.sqrt(shares[:, -1:])
+        return _pseudo_inverse(vectors, natural, ends, lost, self._rounding)
 
     def _rows(
         self, tie: Constraint, values: Quantities, states: States, sizes: Sizes
@@ -222,19 +225,21 @@ def _largest(matrices: Array) -> Array:
 
 
 def _pseudo_inverse(
-    vectors: Array, ends: Array, lost: Array, rounding: float
+    vectors: Array, natural: Array, ends: Array, lost: Array, rounding: float
 ) -> tuple[Array, Array]:
     """Pseudo-inverses (s, l, l) of V Vᵀ, and by how much they stretch errors, inf if unclear.
 
-    `lost` (s,) is how much larger the errors of the vectors are than rounding. Modules take one
-    constraint after the other, so the rank of all up to each of the `ends` must be clear, and what
-    is least clear on the way loses digits of redundant rows that follow.
+    `natural` (s, l) are lengths beside which those of rows of zeros are rounding, and `lost` (s,)
+    is how much larger the errors of the vectors are than that. Modules take one constraint after the
+    other, so the rank of all up to each of the `ends` must be clear, and what is least clear on the
+    way loses digits of redundant rows that follow.
     """
     shape = *vectors.shape[:2], vectors.shape[1]
     inverses, conditions = np.zeros(shape), np.ones(len(vectors))
     for k, rows in enumerate(vectors):
         lengths, worst = np.linalg.norm(rows, axis=-1), 1.0
-        there = np.flatnonzero(lengths > _LOST * rounding * np.linalg.norm(lengths))
+        least = np.maximum(natural[k], np.linalg.norm(lengths))
+        there = np.flatnonzero(lengths > _LOST * rounding * least)
         if not len(there):
             continue
         zero = _ZERO * lost[k]

@@ -31,6 +31,13 @@ def test_robots_that_agree_are_counted(bases: bool) -> None:
     assert "forward_dynamics" in said
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [495, 575])
+def test_rows_that_are_short_or_nothing_but_rounding_agree(number: int) -> None:
+    """The first of six redundant rows holds little; a base cannot leave a plane of its arm."""
+    assert soak.check(soak.soak_robot(7, number), number, compiled=False)[0] == "compared"
+
+
 def test_a_failure_says_how_to_repeat_it(monkeypatch: pytest.MonkeyPatch) -> None:
     def check(robot, number, compiled):
         if number == 1:

@@ -12,6 +12,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from numpy.typing import NDArray
 from support.c_programs import random_calls
 from support.compiled import (
@@ -37,6 +38,7 @@ from gibbs_codegen.program.trigonometry import gather_angles
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.names import name_fault
 from gibbs_codegen.robot.parts.body import RigidBody
 from gibbs_codegen.robot.parts.link import JOINT_KINDS
 from gibbs_codegen.runtime.c_library import RUNTIME
@@ -552,6 +554,32 @@ def test_files_open_with_what_they_are(ending: str, emitted: Callable[[str], Emi
     assert head[1] == f"/* Robot: {SMALL} */"
     assert head[2] == f"/* Robot file SHA-256: {digest} */"
     assert "without conditions" in head[-1]
+
+
+def test_no_name_of_a_robot_begins_another_of_its_names(
+    emitted: Callable[[str], Emitted],
+) -> None:
+    """Where C by hand has x_y, and a robot's C has name_y, no robot is called x."""
+    made = emitted(SMALL)
+    text = "".join(path.read_text() for path in made.folder.glob("*.[ch]"))
+    name = made.model.robot.name
+    ends = {*re.findall(rf"\b{name}_(\w+)\b(?!\.[ch])", text, re.IGNORECASE), *FUNCTIONS}
+    assert {"real", "INPUTS", "COORDINATES"} <= ends
+    by_hand = [*(ROOT / "gibbs_codegen/emitted").glob("*.c"), *(ROOT / "templates").glob("c_*")]
+    aside = re.compile(r"/\*.*?\*/|\{[{%].*?[%}]\}|MODULE\(\w+\)", re.DOTALL)
+    words = {
+        word
+        for path in by_hand
+        for word in re.findall(r"\b[A-Za-z]\w*\b", aside.sub("", path.read_text()))
+    }
+    clashes = {
+        (word, word[: -len(end) - 1].lower())
+        for word in words
+        for end in ends
+        if word.endswith(f"_{end}") and word != f"{name}_{end}"
+    }
+    # A local name, which may hide the type.
+    assert {word for word, robot in clashes if name_fault(robot) is None} == {"last_constants"}
 
 
 def test_header_gives_every_coordinate_and_input_its_unit(
