@@ -230,9 +230,9 @@ def _pseudo_inverse(
     """Pseudo-inverses (s, l, l) of V Vᵀ, and by how much they stretch errors, inf if unclear.
 
     `natural` (s, l) are lengths beside which those of rows of zeros are rounding, and `lost` (s,)
-    is how much larger the errors of the vectors are than that. Modules take one constraint after the
-    other, so the rank of all up to each of the `ends` must be clear, and what is least clear on the
-    way loses digits of redundant rows that follow.
+    is how much larger the errors of the vectors are than that. Modules take one constraint after
+    the other, so the rank of all up to each of the `ends` must be clear, and what is least clear on
+    the way loses digits of redundant rows that follow.
     """
     shape = *vectors.shape[:2], vectors.shape[1]
     inverses, conditions = np.zeros(shape), np.ones(len(vectors))
