@@ -1,4 +1,4 @@
-"""Symbolic dynamics of aerial manipulators, emitted as fast, dependency-free functions.
+"""Symbolic dynamics of robots with arms, emitted as fast, dependency-free functions.
 
 `gibbs_codegen.pipeline` is the map of the package. What takes time to import is imported
 when it is first used.

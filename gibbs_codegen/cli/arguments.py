@@ -85,7 +85,8 @@ def _add_choice(parser: Parser, meaning: str) -> None:
     """Add --functions and --derivatives to a command; their meaning there has {which} for them."""
     functions = (
         "the functions of those names and groups (default, dynamics, hybrid, kinematics, energies, "
-        "actuators, loads, tip, derivatives, parameters, steps), with what they are composed of"
+        "actuators, constraints, loads, passivity, tip, derivatives, parameters, steps), with what "
+        "they are composed of"
     )
     derivatives = (
         "the derivatives of those names, too, or without a name all but the Hessians, which are "
@@ -528,8 +529,8 @@ def argument_parser() -> Parser:
     """Parser of the command line; `module` of what it returns is that of the command."""
     whole = Parser(
         prog="gibbs-codegen",
-        description="Derive the equations of motion of flying robots with arms, and write them as "
-        "fast functions in NumPy and C.",
+        description="Derive the equations of motion of robots with arms, flying or on the ground, "
+        "and write them as fast functions in NumPy and C.",
     )
     whole.add_argument("--version", action="version", version=f"gibbs_codegen {__version__}")
     commands = whole.add_subparsers(title="commands", required=True, metavar="COMMAND")

@@ -335,7 +335,10 @@ def at_frame(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
     looseness = choose(gains.stiffness, 0.0, 1.0 / maximum(gains.stiffness, _LEAST), 0.0)
     moved = reshaped(looseness, (looseness.size, 1)) * jacobian.transposed
     lacking = _wanted(robot, q, v, aim) - jacobian @ a
-    a = a + moved @ solve(jacobian @ moved, lacking)
+    square = jacobian @ moved
+    # A machine that moves in a plane has nothing that moves the frame across it.
+    square = square + constant(np.eye(3)) * choose(square, 0.0, 0.0, 1.0)
+    a = a + moved @ solve(square, lacking)
     return robot.inverse_dynamics(q, v, a) - _felt(robot, q, frame)
 
 

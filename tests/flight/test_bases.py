@@ -243,6 +243,23 @@ def test_an_arm_on_the_ceiling_follows_its_path_and_pushes_as_hard_as_asked() ->
     np.testing.assert_allclose(yielded.tip_error[-1], 0.015, rtol=1e-4)
 
 
+def test_an_arm_in_a_plane_yields_there_as_a_body_on_springs() -> None:
+    module = machine("plane_arm", 'motion = "fixed"', "[[link]]" + ARM.split("[[link]]", 2)[2])
+    pull, rate = np.array([3.0, 7.0, -2.0]), 10.0
+    impedance = {"inertia": [1] * 3, "stiffness": [rate**2] * 3, "damping": [2 * rate] * 3}
+    flight = flown(
+        module,
+        0.5,
+        arm={"posture_deg": {"shoulder": 20, "elbow": 60}},
+        control={"law": "impedance", "impedance": impedance},
+        push={"frame": "tip", "force": pull.tolist()},
+    )
+    grown = 1.0 - (1.0 + rate * flight.time) * np.exp(-rate * flight.time)
+    tip = module.frame_poses(flight.q)[:, module.FRAMES.index("tip"), :3, 3]
+    moved = np.outer(grown, pull * [1, 0, 1]) / rate**2
+    np.testing.assert_allclose(tip - tip[0], moved, atol=1e-9)
+
+
 @pytest.mark.slow  # 30 s, most of it derivatives and C
 def test_a_cart_balances_its_pole_by_feedback_and_by_prediction(tmp_path: Path) -> None:
     wanted = {"derivatives": [*DERIVATIVES], "verify": False}
@@ -297,7 +314,14 @@ def test_what_a_base_cannot_do_is_refused_in_words() -> None:
         ),
         ({"start": {"offset": [0, 0, 0.1]}}, r"start\.offset: .* 0\.1 m along z .* only$"),
         ({"base": {"path": line([0, 0, 0.1], [1, 0, 0.1])}}, r"-0\.1 m along z"),
-        ({"control": {"law": "impedance"}}, r"t = 0 s nothing moves tip along \[0, 1, 0\]"),
+        ({"control": {"law": "impedance"}}, r"t = 0 s nothing moves tip along \[0, 0, 1\]"),
+        (
+            {
+                "arm": {"posture_deg": {"rod": 20}},
+                "control": {"law": "force", "force": {"direction": [0, 3, 4], "value": 1}},
+            },
+            r"control\.force\.direction: in no posture cart moves tip along \[0, 1, 0\]; give a",
+        ),
     ):
         with pytest.raises(UsageError, match=words):
             simulate(cart, {"name": "beyond", "duration": 1.0, **tables})

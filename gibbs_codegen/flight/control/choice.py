@@ -25,7 +25,7 @@ from gibbs_codegen.flight.plant.allocation import (
 )
 from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
 from gibbs_codegen.flight.reference import Reference
-from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WORLD, Control, Impedance, Law
+from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WORLD, Control, Force, Impedance, Law
 from gibbs_codegen.machine.laws import LAWS, turns_servos
 
 # Joints do not move a frame along a push by less than this share of how they move it.
@@ -234,17 +234,40 @@ def _check_moved(
 ) -> None:
     """Raise `UsageError` with the time at which what is `loose` (nv) moves a frame least.
 
-    A law that moves it needs all directions.
+    A law that moves it needs all directions, but for axes of the world along which no posture does.
     """
-    jacobians = vehicle.frame_jacobians(reference(reference.knots)[0])[:, moved.place, :3]
-    ways, shares, _ = np.linalg.svd(np.pad(jacobians[..., loose], ((0, 0), (0, 0), (0, 3))))
-    frame, k = moved.impedance.frame, np.argmin(shares[:, 2] - _NO_LEVER * shares[:, 0])
-    if shares[k, 2] <= _NO_LEVER * shares[k, 0]:
+    frame, q = moved.impedance.frame, reference(reference.knots)[0]
+    anywhere = vehicle.module.integrate(q, np.cos(np.arange(len(loose))))
+    levers, others = (
+        np.pad(vehicle.frame_jacobians(x)[:, moved.place, :3][..., loose], ((0, 0), (0, 0), (0, 3)))
+        for x in (q, anywhere)
+    )
+    across = ~np.any([levers, others], axis=(0, 1, 3))
+    count = 3 - np.count_nonzero(across)
+    ways, shares, _ = np.linalg.svd(levers)
+    k = np.argmin(shares[:, count - 1] - _NO_LEVER * shares[:, 0])
+    if shares[k, count - 1] <= _NO_LEVER * shares[k, 0]:
         raise UsageError(
             f"{vehicle.name}: at t = {reference.knots[k]:.6g} s nothing moves {frame} along "
-            f"{_in_words(ways[k, :, 2])}, but control.law must move it in all directions; "
+            f"{_in_words(ways[k, :, count - 1])}, but control.law must move it in all directions; "
             'choose another posture (arm.posture_deg), or set control.law to "tracking"'
         )
+    if moved.force is None:
+        return
+    n = _push_direction(moved, moved.force, vehicle, reference(moved.force.begin)[0])
+    if np.any(np.abs(n[across]) > _NO_LEVER):
+        raise UsageError(
+            f"control.force.direction: in no posture {vehicle.name} moves {frame} along "
+            f"{_in_words(np.eye(3)[across][0])}; give a direction in the plane in which it moves"
+        )
+
+
+def _push_direction(moved: MovedFrame, force: Force, vehicle: Vehicle, q: Array) -> Array:
+    """The direction (3) of a push where it begins, of length 1, world axes."""
+    direction: Array = np.array(force.direction) / np.linalg.norm(force.direction)
+    if moved.axes is not None:
+        direction = vehicle.frame_poses(q)[moved.axes, :3, :3] @ direction
+    return direction
 
 
 def _in_words(way: Array) -> str:
@@ -277,11 +300,7 @@ def _check_levers(
                 stacklevel=2,
             )
         return
-    direction = np.array(force.direction)
-    if moved.axes is not None:
-        direction = vehicle.frame_poses(q)[moved.axes, :3, :3] @ direction
-    along = np.linalg.norm(direction @ levers) / np.linalg.norm(direction)
-    if along <= least:
+    if np.linalg.norm(_push_direction(moved, force, vehicle, q) @ levers) <= least:
         raise UsageError(
             f"control.force.direction: {vehicle.name} leans, so that joints must push; but when "
             f"the push begins, at {force.begin:g} s, none moves {frame} along the direction, "

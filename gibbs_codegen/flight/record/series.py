@@ -50,8 +50,9 @@ _RESTS = 1.01
 _LINEAR_ROWS = frozenset({"x", "y", "z", "distance", "normal"})
 # Share of the range of a joint that is far from its posture.
 _TURNED = 0.25
-# Commands that jump by more than this share of the greatest, in more than this share of samples.
-_JUMP, _CHATTERS = 0.5, 0.05
+# Commands that jump by more than this share of the greatest, in more than this share of samples;
+# greatest ones that are rounding.
+_JUMP, _CHATTERS, _NOTHING = 0.5, 0.05, 1e-9
 # Distance, m, and angle, degrees, from which on the end of a base that follows a path is told.
 _ASTRAY, _OVERTURNED = 1.0, 90.0
 Column = tuple[str, str, Array]
@@ -311,7 +312,7 @@ class Flight:
             names, sent = self.input_names, np.clip(self.commanded, *self.input_limits)
         most = np.fmax.reduce(np.abs(sent[:, :count]), axis=0)
         size = np.array([most[units == unit].max() for unit in units])
-        jumps = np.abs(np.diff(sent[:, :count], axis=0)) > _JUMP * size
+        jumps = np.abs(np.diff(sent[:, :count], axis=0)) > _JUMP * np.maximum(size, _NOTHING)
         shares = jumps.sum(axis=0) / len(sent)
         share = jumps.any(axis=1).sum() / len(sent)
         if not share > _CHATTERS:
@@ -377,7 +378,7 @@ class Flight:
             sizes = {x: np.linalg.norm(impulses[self._rows_of(x)]) for x in self.held}
             felt = ", ".join(f"{name} {size:.3g} N s" for name, size in sizes.items() if size)
             energies = f"kinetic energy from {lost + left:.3g} J to {left:.3g} J"
-            words.append(f"impact at t = {time:.4g} s: {felt}; {energies}")
+            words.append(f"impact at t = {time:.4g} s: {felt or 'no impulse'}; {energies}")
         return tuple(words)
 
     def _rows_of(self, name: str) -> list[bool]:

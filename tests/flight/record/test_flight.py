@@ -36,14 +36,14 @@ def test_npz_reads_back_the_same(flight: Flight, tmp_path: Path) -> None:
 
 
 def test_a_flight_says_that_commands_of_motors_chatter(flight: Flight) -> None:
-    """Every other sample at nothing does; one that is lost does not, nor do noise and one step."""
+    """Every other sample at nothing does; what is lost does not, nor noise, rounding or a step."""
     every, once, quiet = (flight.commanded.copy() for _ in range(3))
     every[::2, 1] = 0.0
     every[1::2, 1] = np.abs(every).max()
     once[len(once) // 2 :] *= 0.2
     once[-1] = np.nan
     quiet[:, :6] += 0.1 * np.random.default_rng(0).normal(size=quiet[:, :6].shape)
-    for commanded in (once, quiet):
+    for commanded in (once, quiet, 1e-20 * every):
         assert dataclasses.replace(flight, commanded=commanded).notes == ()
     (note,) = dataclasses.replace(flight, commanded=every).notes
     assert re.match(r"Commands of motors chatter: in 9\d% of the samples .* F_2 most often", note)
