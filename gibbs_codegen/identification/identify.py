@@ -39,6 +39,9 @@ Log = Flight | Recording | str | os.PathLike[str]
 _UNSEEN, _PART = 0.5, 0.35
 # How far is predicted, s, and samples of a first fit that gives numbers to begin with.
 _AHEAD, _FIRST = 0.5, 2000
+# How much more than its deviations steps may leave in the first iterations, in which numbers are
+# far from those of the log, and in the last ones where they are known.
+_SLACKS = 30.0, 30.0, 10.0, 3.0
 # Deviations of the prior from which on a value contradicts the robot file.
 _CONTRADICTS = 3.0
 # Numbers at most that are proposed to be free.
@@ -178,9 +181,12 @@ def identify(
         smoother = Smoother(model, unknowns, [Readings(r, module, frames) for r in parts])
         estimate = smoother.start()
         estimate.shared = estimate.shared if start is None else start
-        return smoother, smoother.run(
-            estimate, lambda detail, share: progress(f"{what}: {detail}", share), numbers
-        )
+        slacks = _SLACKS if start is None else _SLACKS[-1:]
+
+        def tell(detail: str, share: float) -> None:
+            progress(f"{what}: {detail}", share)
+
+        return smoother, smoother.run(estimate, tell, numbers, slacks)
 
     start = None
     if sum(len(r.time) for r in used) > 1.5 * _FIRST:

@@ -6,7 +6,7 @@ readings, of what steps from sample to sample leave, of changes of the wind, and
 wind is a process from sample to sample, as turbulence is: were it a curve through nodes, what it
 does between these would be in all accelerations of a node alike, and deviations too small.
 
-The equations of the states are a band, and those of what is shared a border.
+States are eliminated one after the other, which leaves equations of what is shared.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg.lapack import dpotrf, dtrtri
 
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.identification.model import Model
@@ -42,11 +42,8 @@ _ANYTHING = 1e3
 # Samples at a time, which stay in the cache.
 _CHUNK, _ALL = 1024, slice(None)
 # Changes of shared numbers, of their deviations, and shares of strengths, that are none;
-# iterations at most.
-_SETTLED, _SAME, _MOST = 0.03, 0.1, 30
-# Changes of unknowns at once beyond which equations are others.
-_FAR = 2.0
-_DAMPINGS = (0.0, 1e-3, 1e-1, 10.0, 1e3)
+# iterations at most, and changes of unknowns at once.
+_SETTLED, _SAME, _MOST, _FAR = 0.05, 0.1, 30, 0.5
 
 
 @dataclass
@@ -61,6 +58,7 @@ class Estimate:
     shared: Array
     state: dict[str, Array]
     wind: float = _WIND
+    slack: float = 1.0
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     misses: Array = field(default_factory=lambda: np.zeros((0, 0)))
     left: Array = field(default_factory=lambda: np.zeros(0))
@@ -126,169 +124,138 @@ class Smoother:
         return after, felt + shared[len(shared) - self.imus :]
 
     def _residuals(self, estimate: Estimate) -> tuple[Array, Array, Array]:
-        """Weighted readings (s, m), what steps leave (s − 1, n), and prior."""
+        """Weighted readings (s, m), what steps leave (s, n), and prior."""
         state = estimate.state
         after, felt = self.stepped(estimate.shared, state)
         away = self.model.module.difference(self.q, state["q"])
         misses = np.concatenate([away, felt - self.felt], axis=1) * self.weights * self.has
-        ahead = {name: values[1:] for name, values in state.items()}
-        gaps = self.model.away(ahead, {name: values[:-1] for name, values in after.items()})
-        pulls = self.left * state["pull"][:-1] - state["pull"][1:]
-        gaps = np.concatenate([gaps * self.step_weights, pulls * self._calm(estimate)], axis=1)
-        return misses, gaps * self.follows[:-1], estimate.shared / self.prior
+        ahead = {name: np.roll(values, -1, axis=0) for name, values in state.items()}
+        pulls = self.left * state["pull"] - ahead["pull"]
+        gaps = np.concatenate([self.model.away(ahead, after), pulls], axis=1)
+        gaps *= self._step_weights(estimate) * self.follows
+        return misses, gaps, estimate.shared / self.prior
 
-    def _left(self, estimate: Estimate) -> Array:
-        """Root mean squares of what steps leave, over its deviations."""
-        left: Array = np.sqrt(np.mean(self._residuals(estimate)[1] ** 2, axis=0))
-        return left
+    def _step_weights(self, estimate: Estimate) -> Array:
+        calm = 1.0 / (estimate.wind * float(np.sqrt(1.0 - self.left**2)))
+        return np.array([*self.step_weights / estimate.slack, *[calm] * self.model.pulls])
 
-    def _calm(self, estimate: Estimate) -> float:
-        return 1.0 / (estimate.wind * float(np.sqrt(1.0 - self.left**2)))
-
-    def _cost(self, estimate: Estimate) -> float:
-        misses, gaps, prior = self._residuals(estimate)
-        size = np.abs(misses)
-        robust = np.where(size < _OUTLIER, size**2, 2.0 * _OUTLIER * size - _OUTLIER**2)
-        pull = np.sum((estimate.state["pull"][0] / estimate.wind) ** 2)
-        return float(np.sum(robust) + np.sum(gaps**2) + np.sum(prior**2) + pull)
-
-    def _slopes(
-        self, estimate: Estimate, free: int, rows: slice
-    ) -> tuple[Array, Array, Array, Array]:
-        """Derivatives of readings and steps (s, ·, n) by the state, and by what is shared."""
+    def _slopes(self, estimate: Estimate, free: int, rows: slice) -> tuple[Array, Array]:
+        """Slopes of readings and steps (s, n + free, ·) along the state and what is shared."""
         model, shared = self.model, estimate.shared
         state = {name: values[rows] for name, values in estimate.state.items()}
         m, (after, felt) = 2 * model.nv + model.nx, self.stepped(shared, state, rows)
         n = m + model.pulls
-
-        def change(shared: Array, moved: dict[str, Array]) -> Array:
-            other, feels = self.stepped(shared, moved, rows)
-            return np.concatenate([model.away(after, other), feels - felt], axis=1) / _STEP
-
-        columns = [change(shared, model.moved(state, _STEP * unit)) for unit in np.eye(n)]
-        columns += [change(shared + _STEP * unit, state) for unit in np.eye(len(shared))[:free]]
-        slopes = np.stack(columns, axis=-1)
-        pose, pulls = (np.zeros((len(slopes), k, n + free)) for k in (model.nv, model.pulls))
-        pose[:, range(model.nv), range(model.nv)] = 1.0
-        pulls[:, range(model.pulls), range(m, n)] = self.left
-        reads = np.concatenate([pose, slopes[:, m:]], axis=1)
-        steps = np.concatenate([slopes[:, :m], pulls], axis=1)
-        return reads[..., :n], steps[..., :n], reads[..., n:], steps[..., n:]
+        reads = np.zeros((len(felt), n + free, model.nv + self.imus))
+        steps = np.zeros((len(felt), n + free, n))
+        reads[:, range(model.nv), range(model.nv)] = 1.0
+        steps[:, range(m, n), range(m, n)] = self.left
+        for place, way in enumerate(_STEP * np.eye(n + free, n + len(shared))):
+            moved = model.moved(state, way[:n]) if place < n else state
+            other, feels = self.stepped(shared + way[n:], moved, rows)
+            steps[:, place, :m] = model.away(after, other)
+            reads[:, place, model.nv :] = feels - felt
+        steps[..., :m] /= _STEP
+        reads[..., model.nv :] /= _STEP
+        return reads, steps
 
     def _part(
         self, estimate: Estimate, free: int, residuals: tuple[Array, Array], rows: slice
     ) -> tuple[Array, ...]:
-        """Of the normal equations what some samples give, and their steps to the next."""
-        reads, steps, reads_border, border = self._slopes(estimate, free, rows)
-        misses, gaps = (values[rows] for values in residuals)
-        robust = np.minimum(1.0, _OUTLIER / np.maximum(np.abs(misses), 1e-12))
-        missed = misses * self.weights * robust
-        whole = np.array([*self.step_weights, *[self._calm(estimate)] * self.model.pulls])
-        q, left = whole**2 * self.follows[rows], gaps * whole
-        turned = (
-            reads.transpose(0, 2, 1) * (self.weights**2 * self.has[rows] * robust)[:, np.newaxis]
-        )
-        ahead = steps.transpose(0, 2, 1) * q[:, np.newaxis]
-        weighed = q[:, :, np.newaxis] * border
-        flat, flat_steps = (
-            x.reshape(x.shape[0] * x.shape[1], free) for x in (reads_border, border)
-        )
-        heavy = (self.weights**2 * self.has[rows] * robust).reshape(-1, 1) * flat
-        return (
-            turned @ reads + ahead @ steps,
-            turned @ reads_border + ahead @ border,
-            np.einsum("kma,km->ka", reads, missed) + np.einsum("kma,km->ka", steps, left),
-            ahead,
-            weighed,
-            q,
-            left,
-            flat.T @ heavy + flat_steps.T @ weighed.reshape(flat_steps.shape),
-            flat.T @ missed.ravel() + flat_steps.T @ left.ravel(),
-        )
+        """Of the normal equations what some samples give.
 
-    def _solved(self, estimate: Estimate, free: int) -> Callable[[float], tuple[Array, ...]]:
-        """What solves the normal equations, with a damping: changes and covariance."""
+        Squares of the own state (s, n, n), its products with the next, what is shared and
+        residuals (s, n, n + free + 1), those of the next (s, free + 1, n), and squares of what is
+        shared.
+        """
+        (reads, steps), weights = self._slopes(estimate, free, rows), self._step_weights(estimate)
+        (misses, gaps), n = (values[rows, np.newaxis] for values in residuals), len(weights)
+        robust = np.sqrt(np.minimum(1.0, _OUTLIER / np.maximum(np.abs(misses), 1e-12)))
+        reads *= (self.weights * self.has[rows])[:, np.newaxis]
+        reads = np.concatenate([reads, misses], axis=1) * robust
+        steps *= (weights * self.follows[rows])[:, np.newaxis]
+        steps = np.concatenate([steps, gaps], axis=1)
+        own, moved = reads[:, :n], steps[:, :n]
+        squares = own @ reads.transpose(0, 2, 1) + moved @ steps.transpose(0, 2, 1)
+        lines = np.concatenate([-moved * weights, squares[..., n:]], axis=2)
+        both = np.concatenate([reads[:, n:], steps[:, n:]], axis=2).transpose(1, 0, 2)
+        flat = both.reshape(free + 1, -1)
+        return squares[..., :n], lines, steps[:, n:] * weights, flat @ flat.T
+
+    def _solved(self, estimate: Estimate, free: int) -> tuple[Array, Array, Array]:
+        """Changes of states (s, n) and of what is shared, and the covariance of the latter."""
         misses, gaps, prior = self._residuals(estimate)
-        count, n = len(misses), gaps.shape[1]
-        residuals = misses, np.concatenate([gaps, np.zeros((1, n))])
-        chunks = [slice(k, min(k + _CHUNK, count)) for k in range(0, count, _CHUNK)]
-        parts = list(
-            zip(
-                *self._pool.map(lambda rows: self._part(estimate, free, residuals, rows), chunks),
-                strict=True,
-            )
+        chunks = [slice(k, k + _CHUNK) for k in range(0, len(self.q), _CHUNK)]
+        parts = self._pool.map(
+            lambda rows: self._part(estimate, free, (misses, gaps), rows), chunks
         )
-        diagonal, border, gradient, ahead, weighed, q, left = map(np.concatenate, parts[:7])
-        corner, shared_gradient = (np.sum(part, axis=0) for part in parts[7:])
-        diagonal[1:, range(n), range(n)] += q[:-1]
-        border[1:] -= weighed[:-1]
-        gradient[1:] -= left[:-1]
-        pulls = range(n - self.model.pulls, n)
+        *arrays, corners = zip(*parts, strict=True)
+        diagonal, lines, after = map(np.concatenate, arrays)
+        corner, weights = np.sum(corners, axis=0), self._step_weights(estimate)
+        n, pulls = len(weights), range(len(weights) - self.model.pulls, len(weights))
+        diagonal[1:, range(n), range(n)] += weights**2 * self.follows[:-1]
+        lines[1:, :, n:] -= after[:-1].transpose(0, 2, 1)
         diagonal[0, pulls, pulls] += 1.0 / estimate.wind**2
-        gradient[0, pulls] += estimate.state["pull"][0] / estimate.wind**2
-        corner += np.diag(1.0 / self.prior[:free] ** 2)
-        shared_gradient += prior[:free] / self.prior[:free]
-        # Columns of the lower band, as LAPACK has them.
-        band = np.zeros((count, n, 2 * n))
-        for column in range(n):
-            band[:, column, : n - column] = diagonal[:, column, column:]
-            band[:-1, column, n - column : 2 * n - column] = -ahead[:-1, column]
+        lines[0, pulls, -1] += estimate.state["pull"][0] / estimate.wind**2
+        corner[range(free), range(free)] += 1.0 / self.prior[:free] ** 2
+        corner[:free, -1] += prior[:free] / self.prior[:free]
+        for k, (square, line) in enumerate(zip(diagonal, lines, strict=True)):
+            if k:
+                carried = lines[k - 1, :, :n].T @ lines[k - 1]
+                square -= carried[:, :n]
+                line[:, n:] -= carried[:, n:]
+            # The inverse of the factor: BLAS would share small triangular systems among cores.
+            square[:] = dtrtri(dpotrf(square, lower=True)[0], lower=True)[0]
+            line[:] = square @ line
+        flat = lines[..., n:].reshape(-1, free + 1)
+        corner = corner - flat.T @ flat
 
-        def solve(damping: float) -> tuple[Array, Array, Array]:
-            damped = band.reshape(count * n, 2 * n).copy()
-            damped[:, 0] *= 1.0 + damping
-            factor = cholesky_banded(damped.T, overwrite_ab=True, lower=True, check_finite=False)
-            right = np.concatenate([border, gradient[..., np.newaxis]], axis=2).reshape(
-                count * n, free + 1
-            )
-            found = cho_solve_banded((factor, True), right, check_finite=False)
-            lines = border.reshape(count * n, free)
-            left_over = corner - lines.T @ found[:, :free] + damping * np.diag(np.diag(corner))
-            covariance = np.linalg.inv(left_over)
-            shared = -covariance @ (shared_gradient - lines.T @ found[:, free])
-            local = -found[:, free] - found[:, :free] @ shared
-            return local.reshape(count, n), shared, covariance
-
-        return solve
+        covariance = np.linalg.inv(corner[:free, :free])
+        shared = -covariance @ corner[:free, -1]
+        local = -lines[..., n:] @ np.append(shared, 1.0)
+        later = np.zeros(n)
+        for k in range(len(local) - 1, -1, -1):
+            local[k] = later = diagonal[k].T @ (local[k] - lines[k, :, :n] @ later)
+        return local, shared, covariance
 
     def covariance(self, estimate: Estimate, free: int | None = None) -> Array:
         """The covariance of what is shared, or of the first `free`, by slopes of readings."""
-        return self._solved(estimate, len(self.prior) if free is None else free)(0.0)[2]
+        return self._solved(estimate, len(self.prior) if free is None else free)[2]
 
     def run(
-        self, estimate: Estimate, tell: Callable[[str, float], None], numbers: bool = True
+        self,
+        estimate: Estimate,
+        tell: Callable[[str, float], None],
+        numbers: bool = True,
+        slacks: Sequence[float] = (),
     ) -> Estimate:
-        """The most likely estimate from another on, of the motion alone without `numbers`."""
-        free = len(self.prior) if numbers else 0
-        damping = 0
+        """The most likely estimate from another on, of the motion alone without `numbers`.
+
+        Steps may leave `slacks` times as much in the first iterations. Costs are no guide on the
+        way: a step that changes numbers leaves what equations that are so sure punish at once, and
+        the next one takes back.
+        """
+        free, names = len(self.prior) if numbers else 0, len(self.unknowns.names)
         for iteration in range(_MOST):
-            solve, cost = self._solved(estimate, free), self._cost(estimate)
-            for place in range(damping, len(_DAMPINGS)):
-                local, change, covariance = solve(_DAMPINGS[place])
-                shared = estimate.shared.copy()
-                shared[:free] += change
-                moved = Estimate(shared, self.model.moved(estimate.state, local), estimate.wind)
-                sizes = np.abs(change[: len(self.unknowns.names)])
-                with np.errstate(all="ignore"):
-                    better = np.all(sizes < _FAR) and self._cost(moved) < cost * (1.0 + 1e-9)
-                if better:
-                    break
-            damping = max(0, place - 1)
-            if not better:
-                break
+            early = iteration < len(slacks)
+            estimate = replace(estimate, slack=slacks[iteration] if early else 1.0)
+            local, change, covariance = self._solved(estimate, free)
             size = np.max(np.abs(change) / np.sqrt(np.diag(covariance)), initial=0.0)
-            estimate = moved
-            estimate.covariance = covariance
-            wind = max(_CALM, float(np.sqrt(np.mean(estimate.state["pull"] ** 2))))
-            same = not self.model.free or abs(np.log(wind / estimate.wind)) < _SAME
-            estimate.wind = wind if self.model.free else estimate.wind
-            tell(f"iteration {iteration + 1}, cost {cost:.4g}", 1.0 - 1.0 / (2.0 + iteration))
-            if place == 0 and same and (size < _SETTLED if free else iteration > 2):
+            if not np.isfinite(size):
+                break
+            step = min(1.0, _FAR / np.max(np.abs(change[:names]), initial=_FAR))
+            shared = estimate.shared.copy()
+            shared[:free] += step * change
+            state = self.model.moved(estimate.state, step * local)
+            estimate = replace(estimate, shared=shared, state=state, covariance=covariance)
+            before = estimate.wind
+            if self.model.free and not early:
+                estimate.wind = max(_CALM, float(np.sqrt(np.mean(state["pull"] ** 2))))
+            tell(f"iteration {iteration + 1}", 1.0 - 1.0 / (2.0 + iteration))
+            same = abs(np.log(before / estimate.wind)) < _SAME
+            if not early and same and (size < _SETTLED if free else iteration > 2):
                 estimate.settled = True
                 break
-        if place or not better:  # Damped, it would be too small.
-            estimate.covariance = self.covariance(estimate, free)
-        misses = self._residuals(estimate)[0]
-        estimate.left = self._left(estimate)
+        misses, gaps, _ = self._residuals(estimate)
+        estimate.left = np.sqrt(np.mean(gaps**2, axis=0))
         estimate.misses = np.where(self.has > 0.0, misses, np.nan)
         return estimate
