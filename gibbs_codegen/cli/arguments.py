@@ -117,7 +117,7 @@ def add_kept(parser: Parser) -> None:
         help="keep parameters that are zero in the robot file, so that they can be changed at run "
         "time",
     )
-    laws = "laws of control, momentum_observer and state_filter, to write in C; or none"
+    laws = "laws of control, momentum_observer, state_filter and imu_filter, to write in C; or none"
     parser.add(
         *("--laws", "NAME,...", laws),
         type=lambda names: [] if names == "none" else names.split(","),

@@ -186,8 +186,8 @@ def estimation(flight: Flight) -> str:
     units = np.array([*(unit.removesuffix("/s") for unit in rates), *rates])
     sizes = [f"{np.sqrt(np.mean(off[:, units == x] ** 2)):.2g} {x}" for x in dict.fromkeys(units)]
     inside = np.mean(np.abs(off) <= 2.0 * spread)
-    means = np.nanmean(flight.innovations, axis=0)
-    innovations = [f"{n} {x:.2g}" for n, x in zip(flight.innovation_names, means, strict=True)]
+    pairs = zip(flight.innovation_names, flight.innovations.T, strict=True)
+    innovations = [f"{name} {np.mean(x[x >= 0.0]):.2g}" for name, x in pairs if np.any(x >= 0.0)]
     return (
         f"estimates are off by {', '.join(sizes)} (RMS), {100.0 * inside:.3g} % by at most two "
         f"deviations; mean squares of innovations, of 1 expected: {', '.join(innovations)}"

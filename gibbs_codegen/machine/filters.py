@@ -7,7 +7,9 @@ in the tangent space and differences of all else, with the covariance P. A step 
 
     q⁺ = q ⊞ h (v + h a/2),    v⁺ = v + h a,    P⁺ = A P Aᵀ + h N
 
-with N the variances that noise adds in a second. A reading that is off by e from what is expected,
+with N the variances that noise adds in a second. Without the dynamics, an IMU leads the motion: it
+gives the accelerations of its frame and the angular velocity at the end of the step, with noise of
+its own, while joints go on as they do. A reading that is off by e from what is expected,
 with the slope H by the errors and noise of the variances R, moves the state by K e:
 
     G = P Hᵀ,    S = H G + R,    K = G S⁻¹,    nis = eᵀ S⁻¹ e
@@ -30,8 +32,10 @@ from gibbs_codegen.arrays.c_file import CFunction, Member, Structure
 from gibbs_codegen.arrays.forward import from_derivatives, jacobian, moved
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.machine import surroundings
 from gibbs_codegen.machine.sensors import MEASUREMENTS, SensedMotion, SensorAt
+from gibbs_codegen.machine.surroundings import rotation_of
 
 # Derivatives that programs here call, which modules have on request only.
 CALLED = tuple(
@@ -52,12 +56,13 @@ _STATE = {
     "biases": "of the specific force, m/s^2, and the angular velocity, rad/s, of the IMU",
     "covariance": "of all errors, row by row; at first variances on the diagonal",
 }
-_AHEAD = "Go on by h under inputs."
+_AHEAD, _LED = "Go on by h under inputs.", "Go on by h from one reading of the IMU to the next."
 _GIVEN = {
     "u": "inputs that act: thrusts, N, then efforts of joints, N m or N",
     "gravity": "acceleration of gravity, m/s^2, world axes",
     "h": "step, s",
     "noise": "variances that noise adds to each error in a second",
+    "before": "what the IMU read at the begin of the step",
     "reading": "what was read, as docs/howto/sensors.md has it",
     "variances": "of the noise of its entries",
     "gate": "bound of nis from which on it counts as an outlier; INFINITY for none",
@@ -79,6 +84,8 @@ class StateFilter:
 
     Loads are a wrench (6) on the frame `wrench`, N and N m, world axes, `efforts` of the joints
     besides their inputs, and the mass, kg, of a point at the frame `payload`, as far as asked for.
+    If a sensor `leads`, an IMU on a base that moves freely, there are none of these, and motion
+    goes on by its readings, not by dynamics; no other sensor may feel accelerations or contacts.
     """
 
     robot: Functions
@@ -86,6 +93,7 @@ class StateFilter:
     wrench: int | None = None
     efforts: bool = False
     payload: int | None = None
+    leads: str = ""
 
     @cached_property
     def _sizes(self) -> dict[str, int]:
@@ -106,6 +114,11 @@ class StateFilter:
         ends = itertools.accumulate(self._sizes.values())
         pairs = zip(self._sizes.items(), ends, strict=True)
         return {name: slice(end - size, end) for (name, size), end in pairs if size}
+
+    @property
+    def name(self) -> str:
+        """What names of programs begin with."""
+        return "imu_filter" if self.leads else "filter"
 
     @property
     def size(self) -> int:
@@ -130,6 +143,11 @@ class StateFilter:
         """Inputs (nu) that act, and the acceleration of gravity (3), m/s², world axes."""
         return nodes.variable("u", self.robot.inputs), nodes.variable("gravity", 3, uniform=True)
 
+    @property
+    def _of_readings(self) -> tuple[Node, ...]:
+        """What of these readings follow from."""
+        return () if self.leads else self._given
+
     def _part(self, name: str) -> Node:
         """A load, or the biases of a sensor."""
         place, first = self.places[name], self.places["v"].stop
@@ -138,8 +156,10 @@ class StateFilter:
 
     @cached_property
     def _motion(self) -> SensedMotion:
-        """The motion under inputs and loads."""
+        """The motion under inputs and loads, or without accelerations where an IMU leads it."""
         robot, (q, v), (u, gravity) = self.robot, self.robot.state(), self._given
+        if self.leads:
+            return SensedMotion(robot, q, v, v, nodes.zeros(robot.frames, 6), gravity)
         if "efforts" in self.places:
             u = u + nodes.join(nodes.zeros(robot.rotors), self._part("efforts"))
         pushed = [] if self.wrench is None else [(self.wrench, self._part("wrench"))]
@@ -153,9 +173,77 @@ class StateFilter:
         return SensedMotion(robot, q, v, a, wrenches, gravity)
 
     def programs(self) -> dict[str, Program]:
-        """`filter_predict`, and of each sensor `filter_update_<name>`, by their names."""
-        made = [self._predict(), *(self._update(name) for name in self.sensors)]
+        """`filter_predict`, and of each sensor `filter_update_<name>`, by their names.
+
+        If an IMU leads they are `imu_filter_predict` and so on, without one of the IMU.
+        """
+        made = [self._lead() if self.leads else self._predict()]
+        made += [self._update(name) for name in self.sensors if name != self.leads]
         return {program.name: program for program in made}
+
+    def _unbiased(self, name: str, reading: Node, sign: float = -1.0) -> Node:
+        """What of a sensor's reading is without its bias; with `sign` 1 a reading of that."""
+        biased = self.sensors[name].biased
+        if not biased:
+            return reading
+        where = nodes.constant(sign * np.eye(reading.size)[:, list(biased)])
+        return reading + where @ self._part(f"{name}_bias")
+
+    def _lead(self) -> Program:
+        """A step of h between two readings of an IMU, `reading` (6) and the one `before` (6).
+
+        `variances` (6) are of the noise of a reading, and `noise` (n) of what is added in a second.
+        """
+        robot, (q, v), gravity = self.robot, self.robot.state(), self._given[1]
+        frame, h = self.sensors[self.leads].at.frame, nodes.variable("h", uniform=True)
+        last, now = (nodes.variable(name, 6) for name in ("before", "reading"))
+        felt, then = (self._unbiased(self.leads, reading) for reading in (last, now))
+        size = v.size
+        units = np.eye(size)[robot.layout.v.base]
+        of_joints = nodes.constant(1.0 - units.sum(axis=0)) * v
+
+        def turn(q: Node) -> Node:
+            return rotation_of(robot.frame_poses(q)[frame])
+
+        def twist(q: Node, v: Node) -> Node:
+            found: Node = robot.frame_velocities(q, v)[frame]
+            return found
+
+        def after(ends: Node) -> Node:
+            """Velocities (nv) at the end, where the coordinates are about `ends`."""
+            mean = 0.5 * (turn(q) @ felt[:3] + turn(ends) @ then[:3]) + gravity
+            moving = nodes.join(twist(q, v)[:3] + h * mean, turn(ends) @ then[3:])
+            columns = [twist(ends, nodes.constant(unit)) for unit in units]
+            rows = nodes.join(*(nodes.reshaped(column, (1, 6)) for column in columns))
+            moving = rows @ (moving - twist(ends, of_joints))
+            # Squared, since C eliminates without exchanges.
+            base = nodes.solve(rows @ rows.transposed, moving)
+            return of_joints + nodes.constant(units.T) @ base
+
+        ends = robot.integrate(q, h * v)
+        for _ in range(2):  # The second time the end is right to second order.
+            v_next = after(ends)
+            ends = robot.integrate(q, 0.5 * h * (v + v_next))
+        errors = nodes.constant(np.eye(self.size + 6))
+        along = {q: errors[:size], v: errors[size : 2 * size]}
+        # What a reading errs by counts half in this step, and half in the next.
+        along |= dict.fromkeys((last, now), errors[self.size :])
+        if "biases" in self.state:
+            along[self.state["biases"]] = errors[self.loaded : self.size]
+        outputs = {"q_next": ends, "v_next": v_next}
+        slopes = nodes.join(*moved(outputs, along).values(), errors[self.loaded : self.size])
+        covariance = nodes.variable("covariance", self.size, self.size)
+        variances, noise = (
+            nodes.variable(name, count, uniform=True)
+            for name, count in (("variances", 6), ("noise", self.size))
+        )
+        by_errors, by_reading = slopes.transposed[: self.size], slopes.transposed[self.size :]
+        grown = by_errors.transposed @ (covariance @ by_errors)
+        grown = grown + by_reading.transposed @ (_diagonal(variances) @ by_reading)
+        grown = 0.5 * (grown + grown.transposed) + _diagonal(h * noise)
+        inputs = *self.state.values(), covariance, last, now, variances, gravity, h, noise
+        outputs |= {"covariance_next": grown}
+        return from_derivatives(Program(f"{self.name}_predict", inputs, outputs))
 
     def _predict(self) -> Program:
         """A step of h under inputs; `noise` (n) are variances that are added in a second."""
@@ -186,7 +274,7 @@ class StateFilter:
             )
         outputs = after | {"covariance_next": grown + _diagonal(h * noise)}
         inputs = *(state[name] for name in by), covariance, *given, h, noise
-        return from_derivatives(Program("filter_predict", inputs, outputs))
+        return from_derivatives(Program(f"{self.name}_predict", inputs, outputs))
 
     def _update(self, name: str) -> Program:
         """A reading of a sensor, with `variances` of its noise.
@@ -194,15 +282,12 @@ class StateFilter:
         It counts where `nis`, whose mean is the number of its entries, is below `gate`.
         """
         sensor, moving, state = self.sensors[name], self._motion, self.state
-        expected = MEASUREMENTS[sensor.at.kind](moving, sensor.at)
+        expected = self._unbiased(name, MEASUREMENTS[sensor.at.kind](moving, sensor.at), 1.0)
         count = expected.size
-        if sensor.biased:
-            where = nodes.constant(np.eye(count)[:, list(sensor.biased)])
-            expected = expected + where @ self._part(f"{name}_bias")
         reading, gate = nodes.variable("reading", count), nodes.variable("gate", uniform=True)
         covariance = nodes.variable("covariance", self.size, self.size)
         variances = nodes.variable("variances", count, uniform=True)
-        inputs = *state.values(), *self._given
+        inputs = *state.values(), *self._of_readings
         inner = Program(f"filter_expected_{name}", inputs, {"y": expected})
         found = jacobian(inner, [*state]).results(*inputs)
         slope = nodes.beside(*(found[f"y_by_{x}"] for x in state))
@@ -220,20 +305,26 @@ class StateFilter:
             if part in state:
                 outputs[f"{part}_next"] = state[part] + move[first : first + state[part].size]
         outputs |= {"covariance_next": covariance - (taken + taken.transposed), "nis": nis}
-        inputs = *state.values(), covariance, *self._given, reading, variances, gate
-        return from_derivatives(Program(f"filter_update_{name}", inputs, outputs))
+        inputs = *state.values(), covariance, *self._of_readings, reading, variances, gate
+        return from_derivatives(Program(f"{self.name}_update_{name}", inputs, outputs))
 
 
-def filter_functions(robot: Functions) -> list[CFunction]:
+def filter_functions(robot: Functions, leads: str = "") -> list[CFunction]:
     """A filter as functions of C: of joints, and of a base that moves by an IMU, a pose and GPS.
 
-    These are at the frame of the base, on which the unknown wrench acts.
+    These are at the frame of the base, on which the unknown wrench acts, if not the IMU leads.
     """
+    if leads and not robot.layout.moves_freely:
+        raise UsageError(
+            f"--laws imu_filter: needs a base that moves freely, as that of {robot.name} does not; "
+            "leave it out, or take state_filter"
+        )
     joints, moves = robot.inputs > robot.rotors, bool(robot.layout.v.base)
     kinds = [*(("imu", "pose", "gps") if moves else ()), *(("encoders",) if joints else ())]
     biased = {"imu": tuple(range(6))}
     sensors = {kind: FilteredSensor(SensorAt(kind, 0, ()), biased.get(kind, ())) for kind in kinds}
-    made = StateFilter(robot, sensors, 0 if moves else None, joints)
+    pushed = 0 if moves and not leads else None
+    made = StateFilter(robot, sensors, pushed, joints and not leads, leads=leads)
     members = tuple(
         Member(name, name, words, f"{name}_next")
         for name, words in _STATE.items()
@@ -241,10 +332,11 @@ def filter_functions(robot: Functions) -> list[CFunction]:
     )
     names = [f"{x.stop - x.start} of {name}" for name, x in made.places.items()]
     words = f"What a filter knows. Errors are {', '.join(names)}."
-    state, functions = (Structure("filter", words, members),), []
+    state, functions = (Structure(made.name, words, members),), []
+    ahead = _LED if leads else _AHEAD
     for name, program in made.programs().items():
         _, update, sensor = name.partition("_update_")
-        does = f"Take a reading of {sensor}, if it is no outlier." if update else _AHEAD
+        does = f"Take a reading of {sensor}, if it is no outlier." if update else ahead
         values = (*program.names, *program.outputs)
         explained = {x: words for x, words in _GIVEN.items() if x in values}
         functions.append(CFunction(program, does, state, explained))

@@ -9,11 +9,20 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support.compiled import build
 from support.emitted import module_with_derivatives
 
 from benchmarks.filter_consistency import consistency, module_of
-from gibbs_codegen import Estimator, Observation, parse_robot, read_flight, read_scenario, simulate
+from gibbs_codegen import (
+    Estimator,
+    Observation,
+    generate,
+    parse_robot,
+    read_flight,
+    read_scenario,
+    simulate,
+)
 from gibbs_codegen.arrays import Functions, evaluate
 from gibbs_codegen.cli.simulate import estimation
 from gibbs_codegen.errors import ScenarioFileError, UsageError
@@ -21,6 +30,7 @@ from gibbs_codegen.flight.figures.flight import estimates
 from gibbs_codegen.machine.filters import CALLED, FilteredSensor, StateFilter
 from gibbs_codegen.machine.sensors import SensorAt
 from gibbs_codegen.pipeline import generate_robot
+from gibbs_codegen.runtime.load import load
 
 Array = np.ndarray
 MASS, H = 1.7, 0.01
@@ -123,6 +133,102 @@ def test_c_has_the_numbers_of_numpy(cart: ModuleType, tmp_path: Path) -> None:
         expected = np.concatenate([x.ravel() for x in known.values()])
         np.testing.assert_allclose(in_c, expected, rtol=1e-13)
     np.testing.assert_allclose(nis, found["nis"], rtol=1e-12)
+
+
+LEVER = np.array([0.1, -0.05, 0.02])
+BODY = f"""
+name = "body"
+[base]
+mass = 1.3
+inertia = [0.02, 0.03, 0.04, 0, 0, 0]
+attitude = "quaternion"
+[[frame]]
+name = "imu"
+on = "base"
+xyz = {LEVER.tolist()}
+"""
+
+
+def test_an_imu_leads_as_by_the_textbook() -> None:
+    """Sola's error-state filter (2017) of an IMU off the centre, of its poses and its biases."""
+    body = module_with_derivatives(parse_robot(BODY), *CALLED)
+    biased = {"imu": tuple(range(6)), "pose": ()}
+    sensors = {x: FilteredSensor(SensorAt(x, 1, ()), biased[x]) for x in biased}
+    predict, update = StateFilter(Functions(body), sensors, leads="imu").programs().values()
+    rng, h, gravity = np.random.default_rng(4), 1e-3, np.array([0.0, 0.0, -9.81])
+    noise = np.repeat([0.0, 0.0, 1e-3, 0.0, 1e-3, 1e-4], 3)
+    of_imu, of_pose = np.repeat([4.0, 0.01], 3), np.full(9, 1e-4)
+
+    def reading(time: float) -> Array:
+        a, b = np.sin(3.0 * time), np.cos(2.0 * time)
+        return np.array([0.5 * a, 0.3 * b, 9.81 + a, 0.4 * a, 0.3, 0.5 * b])
+
+    known = {
+        "q": np.array([0.0, 0, 0, 0, 0, 0, 1]),
+        "v": np.array([0.3, 0.2, 0.1, *reading(0.0)[3:]]),
+        "biases": np.zeros(6),
+        "covariance": np.diag(np.repeat([1e-2, 1e-2, 4e-2, 1e-4, 1e-2, 1e-4], 3)),
+    }
+
+    def of_textbook() -> tuple[Array, Array, Array, Array]:
+        """Place, speed, attitude, and the covariance with biases, of what our filter knows."""
+        turn, (v, spin) = Rotation.from_quat(known["q"][3:]).as_matrix(), known["v"].reshape(2, 3)
+        moved = v + np.cross(spin, LEVER)
+        to, x = np.zeros((15, 18)), turn @ skew(LEVER)
+        to[:3, :6] = np.hstack([turn, -x])
+        to[3:6, 3:12] = np.hstack([-turn @ skew(moved), turn, -x])
+        to[6:9, 3:6], to[9:, 12:] = np.eye(3), np.eye(6)
+        place = known["q"][:3] + turn @ LEVER
+        return place, turn @ moved, turn, to @ known["covariance"] @ to.T
+
+    place, speed, turn, spread = of_textbook()
+    bias = np.zeros(6)
+    for k in range(300):
+        before, now = reading(h * k), reading(h * (k + 1))
+        given = {"before": before, "reading": now, "variances": of_imu, "h": h, "noise": noise}
+        found = evaluate(predict, known | given | {"gravity": gravity}, {"robot": body})
+        known = {name: found.get(f"{name}_next", x) for name, x in known.items()}
+        turned = Rotation.from_rotvec(h * (0.5 * (before + now) - bias)[3:]).as_matrix()
+        force = 0.5 * (before - bias)[:3] + 0.5 * turned @ (now - bias)[:3]
+        ahead = np.eye(15)
+        ahead[:3, 3:6], ahead[3:6, 6:9] = h * np.eye(3), -h * turn @ skew(force)
+        ahead[3:6, 9:12], ahead[6:9, 12:] = -h * turn, -h * np.eye(3)
+        ahead[6:9, 6:9] = turned.T
+        spread = ahead @ spread @ ahead.T + h * np.diag(np.r_[[0.0] * 3, noise[6:9], noise[9:]])
+        spread[3:9, 3:9] += h**2 * np.diag(of_imu)
+        growth = turn @ force + gravity
+        place, speed, turn = (
+            place + h * speed + h**2 / 2 * growth,
+            speed + h * growth,
+            turn @ turned,
+        )
+        if k % 30 < 29:
+            continue
+        told = np.concatenate([place, turn[:, 0], turn[:, 1]]) + 0.01 * rng.standard_normal(9)
+        slope = np.zeros((9, 15))
+        slope[:3, :3] = np.eye(3)
+        slope[3:, 6:9] = np.vstack([-turn @ skew(axis) for axis in np.eye(3)[:2]])
+        miss = told - np.concatenate([place, turn[:, 0], turn[:, 1]])
+        gain = spread @ slope.T @ np.linalg.inv(slope @ spread @ slope.T + np.diag(of_pose))
+        move, spread = gain @ miss, (np.eye(15) - gain @ slope) @ spread
+        place, speed, bias = place + move[:3], speed + move[3:6], bias + move[9:]
+        turn = turn @ Rotation.from_rotvec(move[6:9]).as_matrix()
+        given = {"reading": told, "variances": of_pose, "gate": np.inf}
+        found = evaluate(update, known | given, {"robot": body})
+        known = {name: found.get(f"{name}_next", x) for name, x in known.items()}
+    its_place, its_speed, its_turn, its_spread = of_textbook()
+    sizes = np.sqrt(np.diagonal(spread))
+    off = Rotation.from_matrix(turn.T @ its_turn).as_rotvec(), known["biases"] - bias
+    off = np.concatenate([its_place - place, its_speed - speed, *off]) / sizes
+    assert np.abs(off).max() < 0.02
+    np.testing.assert_allclose(
+        its_spread / np.outer(sizes, sizes), spread / np.outer(sizes, sizes), atol=0.02
+    )
+
+
+def skew(x: Array) -> Array:
+    """The matrix of a cross product with x (3) before it."""
+    return np.cross(np.eye(3), x)
 
 
 SENSED = {
@@ -276,10 +382,31 @@ def quadrotor(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
 
 
 @pytest.mark.slow
-def test_errors_are_as_large_as_deviations_say(quadrotor: ModuleType) -> None:
+@pytest.mark.parametrize("by", ["model", "imu"])
+def test_errors_are_as_large_as_deviations_say(quadrotor: ModuleType, by: str) -> None:
     """Normalised squared errors of state and readings over runs of a quadrotor with an arm."""
-    for name, (mean, deviation, _) in consistency(quadrotor, 50, 0.6).items():
+    found = consistency(quadrotor, 50, 0.6, by=by)
+    if by == "imu":  # Joints do not go as by noise.
+        del found["encoders"]
+    for name, (mean, deviation, _) in found.items():
         assert abs(mean - 1.0) < 3.0 * deviation, name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", ["quadrotor_arm_2link", "hexarotor_3link"])
+def test_an_imu_alone_leads_along_a_path(robot: str, quadrotor: ModuleType, tmp_path: Path) -> None:
+    """Without errors of readings, by quaternions and by angles, and with no sensor of places."""
+    module = quadrotor
+    if robot != "quadrotor_arm_2link":
+        module = load(generate(robot, tmp_path, derivatives=CALLED, verify=False), "c")
+    changes = {
+        "duration": 1,
+        "control": {"rate": 250, "frequency": 3, "attitude_frequency": 10, "estimate": True},
+        "sensors": {"imu": [{"rate": 250}], "encoders": [{"rate": 250}]},
+    }
+    changes["control"]["filter"] = {"by": "imu", "acceleration": 0.0}
+    errors = simulate(module, read_scenario("circle", changes)).estimate_errors
+    assert np.abs(errors[:, : errors.shape[1] // 2]).max() < 1e-5
 
 
 @pytest.mark.slow

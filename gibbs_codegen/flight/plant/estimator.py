@@ -54,7 +54,8 @@ class Estimate(NamedTuple):
 class _Instant:
     """A time, s, the inputs (nu) that acted before it, and readings that were taken there.
 
-    With what is known of before these readings, and after them.
+    With what is known of before these readings, and after them, and what the IMU that leads had
+    told last.
     """
 
     time: float
@@ -62,6 +63,7 @@ class _Instant:
     before: dict[str, Array] = field(default_factory=dict)
     after: dict[str, Array] = field(default_factory=dict)
     readings: list[tuple[str, Array]] = field(default_factory=list)
+    felt: Array | None = None
 
 
 class Estimator:
@@ -100,22 +102,42 @@ class Estimator:
             x.name: FilteredSensor(SensorAt(x.measures, frame, x.figures), tuple(biases))
             for x, frame, biases in of_sensors
         }
+        self._names = [device.name for device in suite.devices]
+        self._leads = self._leading()
         # Nothing tells a wrench on what does not move.
-        pushed = vehicle.layout.v.base or chosen.wrench != "base"
+        led = self._leads is not None
+        pushed = not led and (vehicle.layout.v.base or chosen.wrench != "base")
         names = {"wrench": chosen.wrench if pushed else "", "payload": chosen.payload}
         frames = {
             key: vehicle.frame_place(name, f"control.filter.{key}") if name else None
             for key, name in names.items()
         }
-        functions, joints = Functions(vehicle.module), vehicle.joints > 0
-        self._filter = StateFilter(functions, sensing, efforts=joints, **frames)
+        functions, joints = Functions(vehicle.module), vehicle.joints > 0 and not led
+        leads = "" if self._leads is None else self._names[self._leads]
+        self._filter = StateFilter(functions, sensing, efforts=joints, leads=leads, **frames)
         self.programs: Mapping[str, Program] = self._filter.programs()
-        self._names = [device.name for device in suite.devices]
         self._latest = max(device.delay for device in suite.devices)
         self._instants: list[_Instant] = []
         # Times, s, and then what is known, its deviations, and the last innovation of each sensor.
         self._record: list[tuple[float, Array, Array, Array]] = []
         self._innovations = np.full(len(suite.devices), np.nan)
+
+    def _leading(self) -> int | None:
+        """The number of the IMU that leads the motion, None if the model does."""
+        vehicle, suite = self._vehicle, self._suite
+        if self._settings.by == "model":
+            return None
+        kinds = [device.measures for device in suite.devices]
+        words = 'control.filter.by: must be "model" for'
+        if not vehicle.layout.moves_freely:
+            raise UsageError(f"{words} {vehicle.name}, whose base does not move freely")
+        if kinds.count("imu") != 1 or "wrench" in kinds:
+            raise UsageError(f"{words} sensors other than one imu, and such as feel no forces")
+        place = suite.places_of_frames[leads := kinds.index("imu")]
+        moving = vehicle.function("frame_jacobians")(vehicle.neutral)[place]
+        if np.any(moving[:, vehicle.layout.v.joints]):
+            raise UsageError(f"{words} {self._names[leads]}, which joints move, not the base alone")
+        return leads
 
     @cached_property
     def _compiled(self) -> dict[str, StateProgram]:
@@ -123,12 +145,13 @@ class Estimator:
 
         vehicle, suite = self._vehicle, self._suite
         values = {"gravity": Environment(vehicle).gravity, "noise": self.noise}
-        compiled = {"": state_program(vehicle, self.programs["filter_predict"], values)}
-        for device, variances in zip(suite.devices, suite.variances, strict=True):
+        programs = {name.partition("_update_")[2]: x for name, x in self.programs.items()}
+        compiled = {"": state_program(vehicle, programs.pop(""), values)}
+        for name, program in programs.items():
+            variances = suite.variances[self._names.index(name)]
             values["variances"] = np.maximum(variances, _LEAST**2)
             values["gate"] = chdtri(len(variances), self._settings.outliers)
-            program = self.programs[f"filter_update_{device.name}"]
-            compiled[device.name] = state_program(vehicle, program, values)
+            compiled[name] = state_program(vehicle, program, values)
         return compiled
 
     @cached_property
@@ -144,6 +167,10 @@ class Estimator:
         }
         for name, place in self._filter.places.items():
             noise[place] = np.square(densities.get(name, 0.0))
+        if self._leads is not None:
+            rates, places = noise[self._filter.places["v"]], self._vehicle.layout.v
+            # Angular velocities are as gyroscopes tell.
+            rates[places.joints], rates[places.attitude] = chosen.joints**2, 0.0
         return noise
 
     def _of_biases(self, part: int) -> dict[str, ArrayLike]:
@@ -173,7 +200,7 @@ class Estimator:
             "covariance": np.diag(variances),
         }
         self._instants = [_Instant(time, np.zeros(len(self._vehicle.inputs)), memory, memory)]
-        self._record, self._innovations[:] = [], np.nan
+        self._begin, self._record, self._innovations[:] = time, [], np.nan
 
     def follow(
         self, time: float, u: ArrayLike, readings: Iterable[tuple[str, float, ArrayLike]] = ()
@@ -191,7 +218,7 @@ class Estimator:
                 values are not as many numbers as there must be.
         """
         last, instants, first = self._last, self._instants, len(self._instants)
-        inputs = vector("u", u, len(self._vehicle.inputs))
+        inputs, leads = vector("u", u, len(self._vehicle.inputs)), self._filter.leads
         if not time > last.time - _SAME:
             raise UsageError(f"time: must not be before the last, {last.time:g} s, not {time:g} s")
         come = [self._checked(time, *reading) for reading in readings]
@@ -204,15 +231,16 @@ class Estimator:
             instants[place].readings.append((name, values))
             first = min(first, place)
         for k in range(first, len(instants)):
-            now = instants[k]
+            now, last = instants[k], instants[max(k - 1, 0)]
+            felt = [x for name, x in now.readings if name == leads and np.isfinite(x).all()]
+            # At the begin nothing acts yet on what is simulated.
+            now.felt = felt[-1] if felt and now.time > self._begin else last.felt
             if k > 0:
-                last = instants[k - 1]
-                now.before, ahead = last.after, now.time - last.time
-                steps = max(math.ceil(ahead / _LONGEST - _SAME), 1)
-                for _ in range(steps):
-                    now.before = self._run("", now.before, u=now.u, h=ahead / steps)
+                now.before = self._ahead(last, now)
             now.after = now.before
             for name, values in now.readings:
+                if name == leads:
+                    continue
                 now.after = self._run(name, now.after, u=now.u, reading=values)
         old = sum(x.time < time - self._latest - _SAME for x in instants)
         del instants[: min(max(old - 1, 0), len(instants) - 1)]
@@ -255,15 +283,16 @@ class Estimator:
         places = np.cumsum([q.shape[1], v.shape[1]])
         known_q, known_v, _ = np.split(known[last], places, axis=1)
         off = self._vehicle.function("difference")(known_q, q)
-        names, units = zip(*itertools.chain(*self._rest.values()), strict=True) or ((), ())
+        corrected = [k for k in range(len(self._names)) if k != self._leads]
+        rest = [*itertools.chain(*self._rest.values())]
         return {
             "estimates": known[last],
-            "estimate_names": names,
-            "estimate_units": units,
+            "estimate_names": tuple(name for name, _ in rest),
+            "estimate_units": tuple(unit for _, unit in rest),
             "estimate_deviations": spread[last],
             "estimate_errors": np.concatenate([off, v - known_v], axis=1),
-            "innovations": innovations[last],
-            "innovation_names": tuple(self._names),
+            "innovations": innovations[last][:, corrected],
+            "innovation_names": tuple(self._names[k] for k in corrected),
         }
 
     def _checked(
@@ -281,6 +310,23 @@ class Estimator:
                 f"{oldest:g} s to {now:g} s; if they come later, give the sensor a longer delay"
             )
         return name, min(taken, now), numbers
+
+    def _ahead(self, last: _Instant, now: _Instant) -> dict[str, Array]:
+        """What is known at a time before its readings, from that of the last one on."""
+        ahead, given, known = now.time - last.time, {"u": now.u}, last.after
+        steps = max(math.ceil(ahead / _LONGEST - _SAME), 1)
+        if self._leads is not None:
+            if now.felt is None:  # An IMU that has told nothing yet leads nowhere.
+                return known
+            # Of steps that are shorter than between readings, with the same density of noise.
+            shorter = steps / (self._suite.devices[self._leads].rate * ahead)
+            variances = np.maximum(self._suite.variances[self._leads], _LEAST**2)
+            variances = variances * max(shorter, 1.0)
+            before = now.felt if last.felt is None else last.felt
+            given = {"before": before, "reading": now.felt, "variances": variances}
+        for _ in range(steps):
+            known = self._run("", known, **given, h=ahead / steps)
+        return known
 
     def _run(self, name: str, memory: dict[str, Array], **values: ArrayLike) -> dict[str, Array]:
         """What is known after a step, or after a reading of a sensor by its name."""

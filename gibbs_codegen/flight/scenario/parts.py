@@ -165,6 +165,9 @@ class Filter(Table):
     inputs.
     """
 
+    by: Literal["model", "imu"] = entry(
+        "what moves the state ahead: the robot's dynamics, or an IMU on the base", "model"
+    )
     wrench: str = entry(
         f'the frame on which an unknown wrench acts: {FRAME}; "": none, as "base" if that is fixed',
         "base",
@@ -177,12 +180,23 @@ class Filter(Table):
     torque: NotNegative = entry("density at which the torque walks, N m/√s", 0.03)
     effort: NotNegative = entry("density at which efforts of joints walk, N m/√s or N/√s", 0.03)
     mass: NotNegative = entry("density at which the mass of the payload walks, kg/√s", 0.1)
+    joints: NotNegative = entry(
+        "density of noise of accelerations of joints where an IMU leads, rad/s²/√Hz, m/s²/√Hz", 10.0
+    )
     start: Positive = entry(
         "how well coordinates and velocities are known at the start, m, rad, m/s, rad/s", 0.01
     )
     outliers: Annotated[Share, Bounds(0.0, 0.5)] = entry(
         "share of right readings that count as outliers, which are left out; 0: none", 1e-4
     )
+
+    @classmethod
+    def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
+        """Faults of what nothing estimates."""
+        led = values.get("by", "model") == "imu"
+        loads = ("wrench", "payload", "force", "torque", "effort", "mass")
+        for item in values.keys() & {*(loads if led else ("joints",))}:
+            yield item, f'must be left out, or by be "{"model" if led else "imu"}"'
 
 
 @table

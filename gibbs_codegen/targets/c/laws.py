@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
-from gibbs_codegen.arrays.c_file import c_files
+from gibbs_codegen.arrays.c_file import CFunction, c_files
+from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.machine import filters, observers
 from gibbs_codegen.machine.law_functions import law_functions
@@ -25,9 +27,10 @@ from gibbs_codegen.targets.c.calls import check_calls, model_functions
 from gibbs_codegen.targets.printers import Lines
 
 # What tells states instead of commanding inputs: functions on request that it calls, and its own.
-TELLING = {
+TELLING: dict[str, tuple[tuple[str, ...], Callable[[Functions], list[CFunction]]]] = {
     "momentum_observer": (observers.CALLED, observers.observer_functions),
     "state_filter": (filters.CALLED, filters.filter_functions),
+    "imu_filter": (filters.CALLED, partial(filters.filter_functions, leads="imu")),
 }
 
 
