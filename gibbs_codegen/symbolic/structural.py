@@ -57,6 +57,7 @@ def z_onto(direction: Sequence[float]) -> Turn:
     return product(turn_about(Z, about_z), turn_about(X, about_x))
 
 
+@cache
 def product(first: Turn, second: Turn) -> Turn:
     """The rotation `second`, seen in the frame that `first` turns from: the matrix product."""
     rows = []
