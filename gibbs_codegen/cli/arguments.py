@@ -422,6 +422,8 @@ def _replay(parser: Parser) -> None:
     parser.add("--rate", "HZ", meaning, type=_number)
     meaning = "keep what is slower, by a filter without delay (default: no filter)"
     parser.add("--cutoff", "HZ", meaning, type=_number)
+    meaning = "estimate the state as a scenario says, by its sensors: its name or file"
+    parser.add("--estimate", "NAME|FILE", meaning)
     _add_figures(parser, "write the time series only")
 
 

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 from gibbs_codegen.cli import robot_argument, terminal
-from gibbs_codegen.cli.simulate import print_events
+from gibbs_codegen.cli.simulate import estimation, print_events
 from gibbs_codegen.errors import UsageError, cause_of, printable, require
 from gibbs_codegen.files.toml import changes_of
 from gibbs_codegen.flight.autopilots.ardupilot import ArduPilot
@@ -24,6 +24,7 @@ from gibbs_codegen.flight.figures.results import check_results, write_results
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.scenario.parts import functions_for
 from gibbs_codegen.flight.simulation import check_scenario, uncontrolled
+from gibbs_codegen.machine.filters import CALLED
 from gibbs_codegen.runtime.load import load
 
 
@@ -42,9 +43,10 @@ def run(options: argparse.Namespace) -> int:
     check_results(options.out, "")
 
     functions = functions_for(bool(scenario.holds))
+    derivatives = CALLED if scenario.control.estimate else ()
     with (
         robot_argument.found_module(
-            *(options.robot, terminal.progress(), (), functions),
+            *(options.robot, terminal.progress(), derivatives, functions),
             check=lambda robot: check_scenario(robot, uncontrolled(scenario)),
         ) as (folder, _),
         terminal.progress_bar() as progress,
@@ -66,6 +68,8 @@ def run(options: argparse.Namespace) -> int:
             f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "
             f"{flight.time[-1]:.4g} s under {link.name}, {session.pace:.3g} times real time"
         )
+        if words := estimation(flight):
+            print(words)
         print_events(flight, scenario.walls)
     for note in session.notes[len(notes) :]:
         print(f"note: {note}")

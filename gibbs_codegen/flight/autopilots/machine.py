@@ -97,9 +97,7 @@ class Machine:
         progress: Progress = lambda what, share: None,
     ) -> None:
         settings = replace(scenario.integration, method="rk4", divergence=math.inf)
-        # An autopilot estimates by itself.
-        control = replace(scenario.control, estimate=False, filter=None)
-        scenario = replace(scenario, integration=settings, control=control)
+        scenario = replace(scenario, integration=settings)
         self.simulation = Simulation(robot, scenario, progress)
         self.loop = self.simulation.loop
         self.vehicle, self.servos = self.loop.vehicle, servos

@@ -19,6 +19,7 @@ from gibbs_codegen.flight.logs.ros import read_bag, write_bag
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.series import StrPath
+from gibbs_codegen.flight.scenario.file import AnyScenario, read_scenario
 from gibbs_codegen.runtime.load import load
 
 # Keys of `names` besides coordinates and inputs.
@@ -58,6 +59,7 @@ def read_log(
     names: Mapping[str, str | float] | None = None,
     rate: float | None = None,
     cutoff: float | None = None,
+    estimate: AnyScenario | None = None,
 ) -> Flight:
     """The flight that a log tells of: for figures, the viewer, and arrays q, v, a on one time base.
 
@@ -77,6 +79,8 @@ def read_log(
         rate: Samples per second; by default they are at the times of the log.
         cutoff: Frequency, Hz, of a Butterworth filter of order four, which is applied forwards and
             backwards and so delays nothing; none by default.
+        estimate: A scenario, or its name, path or tables, whose sensors and `control.filter` say
+            by which readings of the log a filter estimates what; by default none does.
 
     Returns:
         The flight, from the first instant at which all is known. Samples that cannot be are left
@@ -84,8 +88,8 @@ def read_log(
         `gibbs_codegen` says so.
 
     Raises:
-        UsageError: The log cannot be read, or does not tell enough of the robot; or what reads it
-            is not installed, which the extra `logs` brings.
+        UsageError: The log cannot be read, or does not tell enough of the robot or for a filter; or
+            what reads it is not installed, which the extra `logs` brings.
     """
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     for name, frequency in (("rate", rate), ("cutoff", cutoff)):
@@ -93,7 +97,8 @@ def read_log(
             raise UsageError(f"{name}: must be positive, not {frequency:g}")
     vehicle = Vehicle(module)
     recorded = recorded_of(vehicle, log, names or {})
-    return flight_of_log(vehicle, recorded, printable(Path(log).name), rate, cutoff)
+    scenario = None if estimate is None else read_scenario(estimate)
+    return flight_of_log(vehicle, recorded, printable(Path(log).name), rate, cutoff, scenario)
 
 
 def recorded_of(vehicle: Vehicle, log: StrPath, names: Mapping[str, str | float]) -> Recorded:

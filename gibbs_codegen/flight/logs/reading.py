@@ -16,12 +16,14 @@ from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.attitude import Turning
+from gibbs_codegen.flight.logs.estimation import estimated
 from gibbs_codegen.flight.plant.actuators import module_actuators
 from gibbs_codegen.flight.plant.kinematics import quaternions_of
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.record.recording import posture_series
 from gibbs_codegen.flight.record.series import RANGES
+from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.vectors import Array, times
 
 # Order of the filter, which is applied forwards and backwards; samples that it needs.
@@ -96,11 +98,13 @@ def flight_of_log(
     source: str,
     rate: float | None,
     cutoff: float | None,
+    estimation: Scenario | None = None,
 ) -> Flight:
     """The flight of a robot by what was recorded, from the first instant at which all is known.
 
     Samples are those of the series of the base that has most, or `rate` a second; what is slower
-    than `cutoff`, Hz, is kept of them, if given. `source` names the log.
+    than `cutoff`, Hz, is kept of them, if given. `source` names the log. `estimation` says of which
+    sensors a filter makes what, if one is to.
     """
     if recorded.position is None or recorded.attitude is None:
         raise UsageError(f"{source}: does not tell where the base is, as a flight does")
@@ -113,12 +117,14 @@ def flight_of_log(
         **{("v", name): samples for name, samples in recorded.rates.items()},
         **{("u", name): samples for name, samples in recorded.inputs.items()},
     }
+    if estimation:
+        logged |= {("imu", frame): samples for frame, samples in recorded.imus.items()}
     series = cleaned({name: log for name, log in logged.items() if log is not None}, source)
     begin, seconds = _time_base(series, source, rate, cutoff)
     attitude = series["attitude"]
     turned = Rotation.from_quat(attitude.values).as_matrix()
     series["attitude"] = attitude._replace(values=quaternions_of(turned))
-    curves = {name: samples.curve(begin) for name, samples in series.items()}
+    curves = {name: x.curve(begin) for name, x in series.items() if name[0] != "imu"}
     arrays = {name: curve(seconds) for name, curve in curves.items()}
     if "velocity" not in arrays:
         arrays["velocity"] = curves["position"](seconds, 1)
@@ -144,6 +150,11 @@ def flight_of_log(
     fields = {
         name: value() for name, value in posture_series(vehicle, lambda: q, lambda: v).items()
     }
+    if estimation:
+        chosen = estimation.sensors, estimation.control.filter
+        known = {"time": seconds, "q": q, "v": v, "u": u}
+        told = {name: (1e-9 * (x.time - begin), x.values) for name, x in series.items()}
+        fields |= estimated(vehicle, known, told, *chosen)
     # Nothing tells what was desired or commanded, nor what else acted.
     fields |= {
         "frames": (),

@@ -10,10 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 from support.autopilot import PLACES, TURNING, angles
+from support.emitted import module_with_derivatives
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.autopilots.machine import Machine, Outputs, Telemetry
 from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.machine.filters import CALLED
+from gibbs_codegen.robot.file import read_robot
 
 Load = Callable[[str], ModuleType]
 ARM = "quadrotor_arm_2link"
@@ -127,7 +130,7 @@ def test_sensors_of_the_scenario_are_told_as_they_err(fast: Load) -> None:
         "magnetometer": [{"inclination_deg": 90.0, "strength": 5e-5, "bias": [0.0, 1e-6, 0.0]}],
         "gps": [{"horizontal_noise": 1.0, "delay": 0.1}],
     }
-    found = machine(fast("quadrotor"), sensors=sensors, control={"estimate": True})
+    found = machine(fast("quadrotor"), sensors=sensors)
     seen = found.readings()
     assert seen.accelerometer == pytest.approx([0.1, -0.2, -0.3], abs=1e-9)
     assert seen.gyro == pytest.approx([0.01, -0.02, -0.03], abs=1e-9)
@@ -139,6 +142,21 @@ def test_sensors_of_the_scenario_are_told_as_they_err(fast: Load) -> None:
         found.fly(Outputs(np.zeros(4), NONE), 0.004)
     assert found.readings().fix[0][2] == pytest.approx(-2.0)
     assert abs(found.readings().fix[0][:2]).min() > 0.01
+
+
+def test_a_filter_estimates_beside_the_autopilot() -> None:
+    """By the sensors that the autopilot has, under what it commands."""
+    module = module_with_derivatives(read_robot("quadrotor")[0], *CALLED)
+    sensors = {"imu": [{"rate": 250}], "pose": [{"rate": 250, "position_noise": 1e-3}]}
+    control = {"estimate": True, "filter": {"by": "imu"}}
+    found = machine(module, sensors=sensors, control=control)
+    for _ in range(30):
+        found.fly(Outputs(np.full(4, 0.7), NONE), 0.004)
+    flight = found.simulation.flight()
+    off = flight.estimate_errors / flight.estimate_deviations[:, :12]
+    assert np.linalg.norm(flight.v[-1]) > 0.1
+    assert np.abs(off).max() < 4.0
+    assert flight.estimate_deviations[-1, 2] < 1e-3
 
 
 @pytest.mark.slow
