@@ -609,21 +609,35 @@ class CProgram:
         start = " + ".join(self._summands(x, index, terms)) or "R(0.0)"
         if kind == "number" and all(map(self.uniform, terms)):
             start = self._same(start)
-        lines = [f"{kind} {name} = {start};"]
+        # gcc keeps sums of numbers that are wider than registers in memory, but not of their parts.
+        in_parts = kind == "number" and all(map(self._has_parts, products))
+        lines = [f"Parts parts = parts_of({start});" if in_parts else f"{kind} {name} = {start};"]
         for inner, group in itertools.groupby(products, _inner):
             k = self._summed_letter
-            sums = [f"    {name} += {self._term(y, index, k)};" for y in group]
+            adding, end = ("ADD_IN_PARTS(parts, ", ");") if in_parts else (f"{name} += ", ";")
+            sums = [f"    {adding}{self._term(y, index, k, in_parts)}{end}" for y in group]
             lines += [f"for (int {k} = 0; {k} < {inner}; ++{k}) {{", *sums, "}"]
+        if in_parts:
+            lines.append(f"const number {name} = whole_of(parts);")
         if not is_kept:
             return lines
         lines.append(f"{self.view(x).entry(index)} = {name};")
         return ["{", *_indented(lines), "}"] if x.size <= FEW else lines
 
-    def _term(self, x: Node, index: Index, k: str | int) -> str:
-        """A term of an entry of a product."""
+    def _has_parts(self, x: Node) -> bool:
+        """True if factors of a product that differ from state to state are in arrays."""
+        return all(self.uniform(y) or self._is_kept(self.base(y)) for y in x.arguments)
+
+    def _term(self, x: Node, index: Index, k: str | int, in_parts: bool = False) -> str:
+        """A term of an entry of a product, or of a part of it."""
         left, right = x.arguments
         lead = len(left.shape) - 1
         one, two = (self._entry(left, [*index[:lead], k]), self._entry(right, [k, *index[lead:]]))
+        if in_parts:
+            one, two = (
+                factor if self.uniform(y) else Text(f"PART({factor.text})")
+                for factor, y in zip((one, two), x.arguments, strict=True)
+            )
         return f"{one.within(PRODUCT)} * {two.within(WHOLE)}"
 
     def _total(self, x: Node) -> list[str]:
@@ -827,7 +841,7 @@ def c_functions(programs: Sequence[Program], prefix: str = "", storage: str = ""
 
 # Names that the text of a program defines, except functions that are written by hand.
 _RESERVED = frozenset((*_FUNCTIONS.values(), "sum", "room", "context", "solve", "same"))
-_RESERVED |= {"real", "number", "constants", "Constants"}
+_RESERVED |= {"real", "number", "constants", "Constants", "part", "parts"}
 _KEYWORDS = """
     auto break case char const continue default do double else enum extern float for goto if inline
     int long register restrict return short signed sizeof static struct switch typedef union

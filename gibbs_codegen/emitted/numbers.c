@@ -5,6 +5,8 @@
 /* What differs from state to state is a number, what all states share is a real. */
 #if LANES == 1
 typedef real number;
+typedef real part;
+enum { REGISTER = sizeof(number) };
 typedef int flags;
 typedef bits number_bits;
 #define same(value) (value)
@@ -27,6 +29,41 @@ static INLINE number same(const real value)
     return value - zero;
 }
 #endif
+
+/* Numbers that are wider than registers gcc compares entry by entry, and keeps sums of them in
+ * memory, but not of their parts. */
+#if LANES > 1
+#ifdef __clang__
+enum { REGISTER = sizeof(number) };
+#else
+enum { LARGEST = __BIGGEST_ALIGNMENT__, WHOLE = sizeof(number) };
+enum { REGISTER = LARGEST < WHOLE ? LARGEST : WHOLE };
+#endif
+typedef real part __attribute__((vector_size(REGISTER), may_alias));
+#endif
+enum { PARTS = sizeof(number) / REGISTER };
+typedef struct {
+    part each[PARTS];
+} Parts;
+#define PART(x) (((const part *)&(x))[k_part])
+#define ADD_IN_PARTS(sum, term) \
+    for (int k_part = 0; k_part < PARTS; ++k_part) { \
+        sum.each[k_part] += term; \
+    }
+
+static INLINE Parts parts_of(const number x)
+{
+    Parts parts;
+    memcpy(&parts, &x, sizeof parts);
+    return parts;
+}
+
+static INLINE number whole_of(const Parts parts)
+{
+    number x;
+    memcpy(&x, &parts, sizeof x);
+    return x;
+}
 
 /* Whether a flag of any state is set. */
 static INLINE int any(const flags which)
@@ -97,20 +134,11 @@ static INLINE flags greater(const number a, const number b)
 #define exponential real_exponential
 #define arctan2 real_arctan2
 #else
-/* Vectors that are wider than registers gcc compares entry by entry, but not their parts. */
-#ifdef __clang__
-enum { REGISTER = sizeof(number) };
-#else
-enum { LARGEST = __BIGGEST_ALIGNMENT__, WHOLE = sizeof(number) };
-enum { REGISTER = LARGEST < WHOLE ? LARGEST : WHOLE };
-#endif
-typedef real part __attribute__((vector_size(REGISTER), may_alias));
-
 /* Whether a is greater than b. */
 static INLINE flags greater(const number a, const number b)
 {
     number found;
-    for (int k = 0; k < (int)sizeof(number) / REGISTER; ++k) {
+    for (int k = 0; k < PARTS; ++k) {
         ((part *)&found)[k] = (part)(((const part *)&a)[k] > ((const part *)&b)[k]);
     }
     return (flags)found;
