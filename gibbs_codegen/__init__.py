@@ -92,6 +92,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.robot.reach import ReachableWrenches as ReachableWrenches
     from gibbs_codegen.runtime.load import load as load
     from gibbs_codegen.runtime.program_blocks import compile_program as compile_program
+    from gibbs_codegen.runtime.program_blocks import differentiable as differentiable
     from gibbs_codegen.runtime.rollouts import Feedback as Feedback
     from gibbs_codegen.runtime.rollouts import Rollout as Rollout
     from gibbs_codegen.verification.modules import verify as verify
@@ -138,7 +139,7 @@ _MODULES = {
     "robot.file": ("parse_robot", "read_robot"),
     "robot.reach": ("ReachableWrenches",),
     "runtime.load": ("load",),
-    "runtime.program_blocks": ("compile_program",),
+    "runtime.program_blocks": ("compile_program", "differentiable"),
     "runtime.rollouts": ("Feedback", "Rollout"),
     "verification.modules": ("verify",),
     "verification.verify": ("Verification",),

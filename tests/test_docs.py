@@ -38,6 +38,7 @@ RUN_ELSEWHERE = {
     "docs/howto/own-nmpc.md": "tests/runtime/test_casadi_backend.py",
     "docs/howto/jax.md": "tests/runtime/test_jax_backend.py",
     "docs/howto/predictive-c.md": "tests/test_project_pages.py",
+    "docs/howto/torch.md": "tests/runtime/test_torch_backend.py",
     "docs/start/autopilot.md": "tests/flight/autopilots/test_betaflight.py",
     "docs/start/first-robot.md": "tests/test_first_robot.py",
 }

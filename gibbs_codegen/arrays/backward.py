@@ -250,7 +250,9 @@ def _of_call(
                 if place in places:
                     yield place, bar
             continue
-        slopes = call_slopes(call, x, places)
+        # Weights are of any of its outputs.
+        own = x.operation if isinstance(x.operation, nodes.Call) else call
+        slopes = call_slopes(own, x, places)
         for place in places:
             matrix = nodes.reshaped(slopes[place], (w.size, slopes[place].shape[-1]))
             bar = matrix.transposed @ nodes.reshaped(w, (w.size,))

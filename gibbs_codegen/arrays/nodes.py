@@ -753,6 +753,18 @@ class Program:
         }
 
 
+def substituted(program: Program, arguments: Mapping[Node, Node]) -> dict[str, Node]:
+    """Results of a program, by name, with nodes in place of its inputs, which may be of each state.
+
+    Unlike the results of a call they are nodes of the caller's.
+    """
+    made = dict(arguments)
+    for x in program.nodes:
+        if x not in made:
+            made[x] = node(x.operation, [made[y] for y in x.arguments], x.shape, x.space)
+    return {name: made[x] for name, x in program.outputs.items()}
+
+
 def ordered(results: Iterable[Node]) -> list[Node]:
     """All nodes of which results are made, each after its arguments."""
     nodes_in_order: dict[Node, None] = {}

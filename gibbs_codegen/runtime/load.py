@@ -27,7 +27,7 @@ from gibbs_codegen.runtime.loaded_module import LoadedModule
 
 BACKENDS = ("numpy", "c")
 # Back ends whose functions belong to another library, which the extra of that name installs.
-LIBRARIES = ("casadi", "jax")
+LIBRARIES = ("casadi", "jax", "torch")
 METHODS = ("euler", "rk4")
 # The folder of the package, and endings of the files in it that a generated module depends on.
 _BESIDE = Path(__file__).parents[2]
@@ -47,8 +47,8 @@ def load(
             working directory. Where there is none, the module of a robot that ships is generated
             once into the cache, which the log `gibbs_codegen` says in a line.
         backend: "numpy"; "c", which compiles the module's C source once, with CC or the
-            machine's compiler, and keeps it in a cache; "casadi" or "jax", whose functions are
-            those of that library.
+            machine's compiler, and keeps it in a cache; "casadi", "jax" or "torch", whose functions
+            are those of that library. That of "torch" calls the compiled ones.
         threads: How many threads of the C back end share large batches.
 
     Returns:
@@ -77,15 +77,23 @@ def load(
         from gibbs_codegen.runtime.jax_backend import jax_module
 
         loaded = jax_module(module, folder)
-    elif backend == "c":
+    elif backend in ("c", "torch"):
         from gibbs_codegen.runtime.c_backend import c_module
         from gibbs_codegen.runtime.c_library import CompilerError, chosen_compiler
 
         try:
             loaded = c_module(module, folder, chosen_compiler(), threads)
         except (CompilerError, CacheError) as error:
+            if backend == "torch":
+                raise UsageError(
+                    f"back end 'torch': {module.NAME} is not compiled: {printable(error, 400)}"
+                ) from None
             words = "%s: NumPy serves instead of C: %s; flights take many times as long"
             _log.warning(words, module.NAME, printable(error, 400))
+    if backend == "torch":
+        from gibbs_codegen.runtime.torch_backend import torch_module
+
+        loaded = torch_module(loaded)
     if not isinstance(loaded, LoadedModule):
         loaded.__class__ = LoadedModule
     for ending in ("", "_derivatives"):

@@ -24,7 +24,7 @@ _BROUGHT_BY = {
 class LoadedModule(ModuleType):
     """The constants of a module; the error for what it lacks names the option that adds it.
 
-    `backend` computes its functions: "numpy", "c", "casadi" or "jax".
+    `backend` computes its functions: "numpy", "c", "casadi", "jax" or "torch".
     """
 
     backend = "numpy"

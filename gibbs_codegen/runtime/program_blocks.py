@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from types import ModuleType
 from typing import Any
@@ -16,9 +16,10 @@ from gibbs_codegen.arrays.c_text import CProgram
 from gibbs_codegen.arrays.contents import externals_of, functions_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import UsageError, require
+from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.runtime.blocks import Blocks
-from gibbs_codegen.runtime.programs import c_text, called, library
+from gibbs_codegen.runtime.programs import PREFIX, c_text, called, library
 
 Array = NDArray[np.floating[Any]]
 
@@ -27,14 +28,21 @@ class BlockProgram:
     """A program, compiled with the functions of a module that it calls, for any number of states.
 
     What `compile_program` returns. Called with arrays by the names of the inputs, as
-    `gibbs_codegen.arrays.evaluate` takes them, it returns arrays by the names of the outputs.
+    `gibbs_codegen.arrays.evaluate` takes them, it returns arrays by the names of the outputs. With
+    `per_state` constants are rows of numbers, those of a state or of each.
     """
 
-    def __init__(self, program: Program, module: ModuleType, *, single: bool = False) -> None:
+    def __init__(
+        self, program: Program, module: ModuleType, *, single: bool = False, per_state: bool = False
+    ) -> None:
         self.program = program
         self._module = module
         self._blocks = Blocks.widest(single=single)
-        self._text = CProgram(program)
+        self._text = CProgram(program, PREFIX)
+        self.owners = self._text.owners
+        # Outputs that all states share have one row.
+        self.shared = [self._text.uniform(x) for x in program.outputs.values()]
+        self._per_state = per_state
         self._function = self._compiled()
 
     def __call__(
@@ -53,58 +61,68 @@ class BlockProgram:
         if unknown := [name for name in inputs if name not in program.names]:
             raise UsageError(f"{program.name} has no inputs {', '.join(map(str, unknown))}")
         pairs = list(zip(program.names, program.inputs, strict=True))
-        arrays = {name: self._checked(name, x, inputs[name]) for name, x in pairs}
-        leads = [arrays[n].shape[: arrays[n].ndim - len(x.shape)] for n, x in pairs]
+        arrays = [self._checked(name, x, inputs[name]) for name, x in pairs]
+        leads = [a.shape[: a.ndim - len(x.shape)] for a, (_, x) in zip(arrays, pairs, strict=True)]
         try:
             batch = np.broadcast_shapes(*leads)
         except ValueError:
             counts = " and ".join(map(str, dict.fromkeys(leads)))
             raise UsageError(f"{program.name}: {counts} states do not go together") from None
-        count = math.prod(batch)
-        # One block at least, for what all states share.
-        lanes, blocks = self._blocks.lanes, max(self._blocks.count(count), 1)
-        laid = [self._laid(arrays[name], x, batch) for name, x in pairs]
-        shapes = {
-            name: (x.size,) if self._text.uniform(x) else (blocks, x.size, lanes)
-            for name, x in program.outputs.items()
+        rows = [
+            np.ascontiguousarray(
+                array if math.prod(lead) == 1 else np.broadcast_to(array, (*batch, *x.shape))
+            )
+            for array, lead, (_, x) in zip(arrays, leads, pairs, strict=True)
+        ]
+        results = {
+            name: np.empty(x.shape if shared else (*batch, *x.shape), self._blocks.real)
+            for (name, x), shared in zip(program.outputs.items(), self.shared, strict=True)
         }
-        cells = {name: self._blocks.filled(*shape) for name, shape in shapes.items()}
-        owned = self._owned(constants or {})
-        arrays_laid = (*laid, *cells.values())
-        pointers = (ctypes.c_void_p * len(arrays_laid))(*(x.ctypes.data for x in arrays_laid))
-        pointers_of_owners = (ctypes.c_void_p(x.ctypes.data) for x in owned)
-        self._function(ctypes.c_size_t(blocks), pointers, *pointers_of_owners)
-        results = {}
-        for name, x in program.outputs.items():
-            if self._text.uniform(x):
-                results[name] = cells[name].reshape(x.shape)
-            else:
-                results[name] = self._blocks.to_rows(cells[name], count).reshape((*batch, *x.shape))
+        given = [*rows, *self._owned(constants or {})]
+        widths = [
+            0 if array.size == x.size else x.size
+            for array, x in zip(rows, program.inputs, strict=True)
+        ]
+        self.run(
+            math.prod(batch),
+            self.distances([*widths, *[0] * len(self.owners)]),
+            [array.ctypes.data for array in (*given, *results.values())],
+        )
         return results
 
+    def distances(self, widths: Sequence[int]) -> Any:
+        """How far apart rows of states are in all that is given, 0 for what they share."""
+        return (ctypes.c_size_t * len(widths))(*widths)
+
+    def run(self, count: int, distances: Any, addresses: Sequence[int]) -> None:
+        """Compute `count` states.
+
+        `addresses` are of rows, of inputs and then of constants of the owners, so far apart as
+        `distances` has them, and of results.
+        """
+        self._function(count, distances, self._pointers(*addresses))
+
     @cached_property
-    def _default(self) -> bytes:
+    def default(self) -> Array:
         """Constants of the robot file; to prepare them takes as long as a thousand states."""
-        constants: bytes = self._module.prepare({})
-        return constants
+        return np.frombuffer(self._module.prepare({})).astype(self._blocks.real)
 
     def _owned(self, constants: Mapping[str, Any]) -> list[Array]:
         """Constants of each owner, those of the robot file where none are given."""
-        default = self._default
-        if unknown := [owner for owner in constants if owner not in self._text.owners]:
+        if unknown := [owner for owner in constants if owner not in self.owners]:
             raise UsageError(
-                f"{self.program.name}: constants are of {' and '.join(self._text.owners) or 'none'}"
+                f"{self.program.name}: constants are of {' and '.join(self.owners) or 'none'}"
                 f", not of {', '.join(map(str, unknown))}"
             )
         for owner, values in constants.items():
-            if not isinstance(values, bytes) or len(values) != len(default):
+            if not isinstance(values, bytes) or len(values) != 8 * self.default.size:
                 raise UsageError(
                     f"{self.program.name}: constants of {owner} must be what prepare of "
                     f"{self._module.NAME}, loaded for C, returns for numbers, the same for all "
                     "states"
                 )
-        owned = (constants.get(owner, default) for owner in self._text.owners)
-        return [np.frombuffer(values).astype(self._blocks.real) for values in owned]
+        given = {x: np.frombuffer(y).astype(self._blocks.real) for x, y in constants.items()}
+        return [given.get(owner, self.default) for owner in self.owners]
 
     def _checked(self, name: str, x: Node, value: Any) -> Array:
         array = np.asarray(value, dtype=self._blocks.real)
@@ -113,13 +131,6 @@ class BlockProgram:
             wanted = "it is shared by all states" if x.is_uniform else "leading axes are states"
             raise UsageError(f"{name} has the shape {array.shape}, not {x.shape}; {wanted}")
         return array
-
-    def _laid(self, array: Array, x: Node, batch: tuple[int, ...]) -> Array:
-        """An input as C takes it: in blocks, the last cells up with its last state."""
-        if x.is_uniform:
-            return np.ascontiguousarray(array.ravel())
-        rows = np.broadcast_to(array, (*batch, *x.shape)).reshape(math.prod(batch), x.size)
-        return self._blocks.of_rows(rows if len(rows) else np.zeros((1, x.size)))
 
     def _compiled(self) -> Any:
         program, name = self.program, self._module.NAME
@@ -132,39 +143,98 @@ class BlockProgram:
             raise UsageError(
                 f"{program.name} calls functions of {', '.join(sorted(others))}, not of {name}"
             )
-        source = (
-            c_text([program], Functions(self._module), self._blocks.lanes) + self._through_blocks()
+        robot, each = Functions(self._module), self._per_state
+        arrays = len(program.inputs) + len(self.owners) + len(program.outputs)
+        self._pointers = ctypes.c_void_p * arrays
+        source = c_text(
+            [program], robot, self._blocks.lanes, per_state=each, engine=self._through_rows()
         )
-        sources = {f"_{program.name}.c": source}
-        single = self._blocks.single
-        functions, what = called([program]), f"the program {program.name}"
-        blocks = library(self._module, functions, sources, what, single=single).program_blocks
-        blocks.restype = None
-        return blocks
+        made = library(
+            self._module,
+            called([program]),
+            {f"_{program.name}.c": source},
+            f"the program {program.name}",
+            single=self._blocks.single,
+            per_state=each,
+        ).program_rows
+        made.argtypes = ctypes.c_size_t, ctypes.c_void_p, ctypes.c_void_p
+        made.restype = None
+        return made
 
-    def _through_blocks(self) -> str:
-        """The function that takes the program through blocks of states, one after the other."""
-        text, operands = self._text, []
-        for place, x in enumerate(self.program.inputs):
-            kind = "real" if x.is_uniform else "number"
-            at = f"(const {kind} *)arrays[{place}]"
-            at = at if x.is_uniform else f"({at} + block * {x.size})"
-            operands.append(f"*{at}" if x.shape == () else at)
-        first = len(operands)
-        for place, x in enumerate(self.program.outputs.values()):
-            is_uniform = text.uniform(x)
-            at = f"({'real' if is_uniform else 'number'} *)arrays[{first + place}]"
-            operands.append(at if is_uniform else f"{at} + block * {x.size}")
-        constants = "".join(f", const Constants *{owner}" for owner in text.owners)
-        arguments = ", ".join([*text.owners, *operands])
-        return (
-            f"\nvoid program_blocks(const size_t blocks, void *const *arrays{constants})\n"
-            "{\n"
-            "    for (size_t block = 0; block < blocks; ++block) {\n"
-            f"        program_{text.name}({arguments});\n"
-            "    }\n"
-            "}\n"
-        )
+    def _through_rows(self) -> list[str]:
+        """The function that takes the program through rows, in blocks of states."""
+        inputs, results = self.program.inputs, self.program.outputs.values()
+        rows = [(f"given_{k}", x.size, x.is_uniform, x.shape) for k, x in enumerate(inputs)]
+        rows += [(owner, self.default.size, not self._per_state, (0,)) for owner in self.owners]
+        arrays, before, after, passed = [], [], [], []
+        for place, (name, size, is_shared, shape) in enumerate(rows):
+            array = f"arrays[{place}]" if is_shared else name
+            if not is_shared:
+                arrays.append(f"number {name}[{max(size, 1)}];")
+                before.append(f"take(arrays, distances, {place}, first, filled, {size}, {name});")
+            passed.append(array if shape else f"*{array}")
+        constants = passed[len(inputs) :]
+        passed[len(inputs) :] = []
+        for place, (x, is_shared) in enumerate(zip(results, self.shared, strict=True), len(rows)):
+            array = f"arrays[{place}]" if is_shared else f"made_{place}"
+            if not is_shared:
+                arrays.append(f"number {array}[{max(x.size, 1)}];")
+                after.append(
+                    f"give({array}, filled, {x.size}, arrays[{place}] + first * {x.size});"
+                )
+            passed.append(array)
+        passed[:0] = [f"(const Constants *){array}" for array in constants]
+        return [
+            "typedef struct {",
+            "    const real *entries;",
+            "    size_t by_state, by_step;",
+            "} Rows;",
+            c_source("rows.c"),
+            *_ROWS,
+            "void program_rows(",
+            "    const size_t count, const size_t *distances, real *const *arrays)",
+            "{",
+            *(f"    {line}" for line in arrays),
+            "    size_t first = 0;",
+            "    do { /* Once without states, for what they share. */",
+            "        const int filled = count - first < LANES ? (int)(count - first) : LANES;",
+            *(f"        {line}" for line in before),
+            f"        {self._text.name}({', '.join(passed)});",
+            *(f"        {line}" for line in after),
+            "        first += LANES;",
+            "    } while (first < count);",
+            "}",
+        ]
+
+
+# Whole blocks by themselves: how many lanes they have is then known where this is compiled.
+_ROWS = """\
+static void take(
+    real *const *arrays,
+    const size_t *distances,
+    const int place,
+    const size_t first,
+    const int filled,
+    const int width,
+    number *block)
+{
+    const Rows rows = rows_of(arrays[place], distances[place]);
+    if (filled == LANES) {
+        load_rows(rows, R(0.0), first, LANES, 0, width, block);
+    } else {
+        load_rows(rows, R(0.0), first, filled, 0, width, block);
+    }
+}
+
+static void give(const number *block, const int filled, const int width, real *rows)
+{
+    if (filled == LANES) {
+        store_rows(block, LANES, width, (size_t)width, rows);
+    } else {
+        store_rows(block, filled, width, (size_t)width, rows);
+    }
+}
+""".splitlines()
 
 
 def compile_program(program: Program, module: ModuleType, *, single: bool = False) -> BlockProgram:
@@ -185,9 +255,44 @@ def compile_program(program: Program, module: ModuleType, *, single: bool = Fals
             functions.
         MissingFunctionError: If the module was generated without a function.
     """
+    _require_c(module, "c")
+    return BlockProgram(program, module, single=single)
+
+
+def differentiable(program: Program, module: ModuleType) -> Callable[..., Any]:
+    """A function of tensors that computes an array program in C, and that PyTorch differentiates.
+
+    Backward is `gradient` of the program, compiled too, and forward its derivative
+    along a direction.
+
+    Args:
+        program: The program, of calls of this module's functions.
+        module: The module, loaded with `backend="torch"` or `backend="c"`, and generated with the
+            derivatives of what the program calls.
+
+    Returns:
+        A function of the inputs, in their order or by name: tensors (..., *shape), or numbers, with
+        leading axes, which broadcast, also of those that are uniform in the program. `constants` by
+        owner are tensors of a torch module's `prepare`. It returns a tensor (..., *shape), or a
+        tuple of one for each output. Coordinates are plain entries, of a quaternion of any length.
+
+    Raises:
+        UsageError: If the module was loaded for another back end, PyTorch is not installed, or the
+            program has external functions.
+        MissingFunctionError: If the module was generated without a function.
+    """
+    require("torch", "differentiable")
+    from gibbs_codegen.runtime.torch_backend import TensorFunction, of_entries
+
+    in_c = getattr(module, "in_c", module)
+    _require_c(in_c, "torch")
+    return TensorFunction(of_entries(program), in_c, f"program {program.name}")
+
+
+def _require_c(module: ModuleType, backend: str) -> None:
+    """Raise `UsageError` for a module without compiled functions; one for `backend` has them."""
     if getattr(module, "backend", "numpy") != "c":
         raise UsageError(
             f"{module.NAME}: a program is compiled with a module's C functions; load it with "
-            'backend="c", where there is a C compiler'
+            f'backend="{backend}", where there is a C compiler'
         )
-    return BlockProgram(program, module, single=single)

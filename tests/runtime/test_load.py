@@ -77,11 +77,11 @@ def test_half_a_module_is_none(tmp_path: Path) -> None:
 def test_what_is_not_there_is_refused_with_the_command_that_makes_it() -> None:
     with pytest.raises(UsageError, match="gibbs-codegen generate nowhere"):
         load("nowhere")
-    with pytest.raises(UsageError, match="known: numpy, c, casadi, jax"):
+    with pytest.raises(UsageError, match="known: numpy, c, casadi, jax, torch"):
         load("nowhere", backend="fortran")
 
 
-@pytest.mark.parametrize("backend", ["casadi", "jax"])
+@pytest.mark.parametrize("backend", ["casadi", "jax", "torch"])
 def test_a_library_that_is_missing_is_named_with_its_extra(
     backend: str, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -111,7 +111,7 @@ def test_no_other_library_is_imported_until_its_back_end_is_loaded(folder: Path)
         "import sys, gibbs_codegen, gibbs_codegen.cli.app\n"
         "for name in gibbs_codegen.__all__:\n    getattr(gibbs_codegen, name)\n"
         "gibbs_codegen.load('hexarotor')\n"
-        "assert not {'casadi', 'jax'} & set(sys.modules)\n"
+        "assert not {'casadi', 'jax', 'torch'} & set(sys.modules)\n"
         "gibbs_codegen.load('hexarotor', backend='casadi')\n"
         "assert 'jax' not in sys.modules"
     )

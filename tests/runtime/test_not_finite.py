@@ -170,7 +170,7 @@ def turning(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("length", [0.0, 1e-170, 1e200])
-@pytest.mark.parametrize("backend", ["numpy", "c", "jax", "casadi"])
+@pytest.mark.parametrize("backend", ["numpy", "c", "jax", "casadi", "torch"])
 def test_a_quaternion_without_a_direction_gives_no_pose(
     backend: str, length: float, turning: Path
 ) -> None:
@@ -189,7 +189,7 @@ def test_a_quaternion_without_a_direction_gives_no_pose(
             with warnings.catch_warnings(record=True) as said:
                 warnings.simplefilter("always")
                 found = getattr(module, name)(state, *given)
-            pose = np.array(found[0] if isinstance(found, tuple | list) else found)
+            pose = np.asarray(found[0] if isinstance(found, tuple | list) else found)
             last = pose.reshape(-1, 7)[-1]
             assert not np.isfinite(last).any(), (name, last)
             assert bool(said) == (backend in ("numpy", "c"))
