@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import logm
-from support.emitted import emitted_module
+from support.emitted import compiled_module, emitted_module
 
 from gibbs_codegen import (
     Feedback,
@@ -62,8 +62,8 @@ TANGENT = {"kind": "tangent"}
 
 @cache
 def cart() -> ModuleType:
-    """The NumPy module of the cart."""
-    return emitted_module(parse_robot(CART))
+    """The module of the cart."""
+    return compiled_module(parse_robot(CART))
 
 
 def driven(module: ModuleType, duration: float, base: dict[str, Any], **tables: Any) -> Any:
