@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
 
@@ -20,17 +21,21 @@ from gibbs_codegen.identification.model import Model
 from gibbs_codegen.identification.recorded import (
     Readings,
     Recording,
+    cut,
     input_noise,
     part_of,
     recording_of,
     recordings_of,
 )
+from gibbs_codegen.identification.regression import Regression, delayed
 from gibbs_codegen.identification.report import html_report, text_report
 from gibbs_codegen.identification.robot_file import with_numbers
 from gibbs_codegen.identification.smoothing import Estimate, Smoother
 from gibbs_codegen.identification.unknowns import Unknowns
 from gibbs_codegen.robot.parts.base import FIXED
 from gibbs_codegen.runtime.load import load
+
+_log = logging.getLogger("gibbs_codegen")
 
 Progress = Callable[[str, float], None]
 Log = Flight | Recording | str | os.PathLike[str]
@@ -42,8 +47,9 @@ _AHEAD, _FIRST = 0.5, 2000
 # How much more than its deviations steps may leave in the first iterations, in which numbers are
 # far from those of the log, and in the last ones where they are known.
 _SLACKS = 30.0, 30.0, 10.0, 3.0
-# Deviations of the prior from which on a value contradicts the robot file.
-_CONTRADICTS = 3.0
+# Deviations of the prior from which on a value contradicts the robot file, and those from which on
+# a fit begins elsewhere.
+_CONTRADICTS, _FAR = 3.0, 2.0
 # Numbers at most that are proposed to be free.
 _PROPOSED = 4
 
@@ -159,12 +165,10 @@ def identify(
     listed = [logs] if isinstance(logs, Flight | Recording | str | os.PathLike) else [*logs]
     check_logs(listed)
     whole = [part for log in listed for part in _recordings(log, module, names or {})]
-    spans = [np.searchsorted(log.time, between) for log in whole]
-    recordings = [
-        part_of(r, slice(*ends)) for r, ends in zip(whole, spans, strict=True) if np.ptp(ends)
-    ]
+    spans = [slice(*np.searchsorted(log.time, between).tolist()) for log in whole]
+    recordings = [part for log, rows in zip(whole, spans, strict=True) for part in cut(log, [rows])]
     if not recordings:
-        raise UsageError(f"between: no log has samples from {between[0]:g} to {between[1]:g} s")
+        raise UsageError(f"between: no log has enough from {between[0]:g} to {between[1]:g} s")
     unknowns, frames = Unknowns(module, free, prior), imus_of(module, recordings[0])
     model = model_of(module, recordings)
     if odd := [r for r in recordings if abs(r.step / model.h - 1.0) > 0.01]:
@@ -174,13 +178,35 @@ def identify(
         )
     ends = [round(len(r.time) * (1.0 - hold_out)) for r in recordings]
     used = [part_of(r, slice(end)) for r, end in zip(recordings, ends, strict=True)]
+    progress("numbers to begin with", 0.0)
+    regression = Regression(model, unknowns, [Readings(r, module, frames) for r in used])
+    blind = {log.blind: r.source for log, r in zip(regression.logs, used, strict=True)}
+    if len(blind) > 1:
+        raise UsageError(f"{blind[True]}: tells no pose, as {blind[False]} does; take them apart")
+    sources = [*dict.fromkeys(r.source for r in recordings)]
+    pairs = zip(recordings, ends, strict=True)
+    rest = [part for r, end in pairs for part in cut(r, [slice(end, len(r.time))])]
+    if regression.blind:
+        ahead = [Readings(r, module, frames) for r in rest]
+        return _without_pose(regression, ahead, sources)
+    y, _ = regression.run()
+    begin = y[:-1] * bool(np.any(np.abs(y[:-1]) > _FAR * prior))
+    if delay := regression.sure_delay(y):
+        _log.warning("readings are %.4f s later than commands, which is taken back", delay)
+        used, rest = (
+            [replace(r, commands=delayed(r.commands, delay / r.step)) for r in parts]
+            for parts in (used, rest)
+        )
 
     def fitted(
         parts: Sequence[Recording], start: Array | None, what: str, numbers: bool = True
     ) -> tuple[Smoother, Estimate]:
         smoother = Smoother(model, unknowns, [Readings(r, module, frames) for r in parts])
         estimate = smoother.start()
-        estimate.shared = estimate.shared if start is None else start
+        if start is None:
+            estimate.shared[: len(begin)] = begin
+        else:
+            estimate.shared = start
         slacks = _SLACKS if start is None else _SLACKS[-1:]
 
         def tell(detail: str, share: float) -> None:
@@ -194,8 +220,7 @@ def identify(
     smoother, estimate = fitted(used, start, "all samples")
     f = len(unknowns.names)
     prediction = {}
-    if hold_out:
-        rest = [part_of(r, slice(end, None)) for r, end in zip(recordings, ends, strict=True)]
+    if rest:
         of_file = np.concatenate([np.zeros(f), estimate.shared[f:]])
         errors = [
             _errors_ahead(*fitted(rest, shared, "what was held out", numbers=False))
@@ -203,9 +228,7 @@ def identify(
         ]
         prediction = {name: (errors[0][name], errors[1][name]) for name in errors[0]}
     progress("all samples", 1.0)
-    return _identified(
-        module, smoother, estimate, frames, [r.source for r in recordings], prediction
-    )
+    return _by_motion(smoother, estimate, frames, sources, prediction)
 
 
 def identifiable(robot: ModuleType | str | os.PathLike[str]) -> ModuleType:
@@ -250,24 +273,45 @@ def _recordings(log: Log, module: ModuleType, names: Mapping[str, str | float]) 
     return recordings_of(vehicle, recorded_of(vehicle, log, names), source)
 
 
-def _identified(
-    module: ModuleType,
+def _without_pose(
+    regression: Regression, ahead: Sequence[Readings], sources: Sequence[str]
+) -> Identified:
+    """What accelerations alone tell, and how well they are predicted where they were held out."""
+    y, settled = regression.run()
+    unknowns, covariance = regression.unknowns, regression.covariance(y)
+    left, delay = regression.misses(y), float(np.sqrt(covariance[-1, -1]))
+    shares = np.sqrt(np.mean(left**2, axis=0) / np.mean(regression.measured**2, axis=0))
+    prediction = {}
+    if ahead:
+        held = Regression(regression.model, unknowns, ahead)
+        errors = [np.sqrt(np.mean(held.misses(x) ** 2, axis=0)) for x in (0.0 * y, y)]
+        pairs = zip(*(e.tolist() for e in errors), strict=True)
+        prediction = dict(zip(regression.names, pairs, strict=True))
+    return _identified(
+        unknowns,
+        y[:-1],
+        covariance[:-1, :-1],
+        settled,
+        dict(zip(regression.names, shares.tolist(), strict=True)),
+        {"how much later readings are than commands, s": (float(y[-1]), delay)},
+        sources,
+        prediction,
+    )
+
+
+def _by_motion(
     smoother: Smoother,
     estimate: Estimate,
     frames: Sequence[str],
     sources: Sequence[str],
     prediction: Mapping[str, tuple[float, float]],
 ) -> Identified:
-    unknowns, f = smoother.unknowns, len(smoother.unknowns.names)
-    z, slopes = estimate.shared[:f], smoother.unknowns.slopes(estimate.shared[:f])
+    """What the most likely motion and numbers tell."""
+    unknowns, f, module = smoother.unknowns, len(smoother.unknowns.names), smoother.model.module
     spread = np.sqrt(np.nanmean(np.clip(estimate.misses, -3, 3) ** 2, axis=0))
     # What is not explained by noise makes numbers less certain than noise alone would.
     doubt = max(1.0, float(spread.max()), float(estimate.left.max())) ** 2
     whole = doubted(estimate.covariance, smoother.prior, doubt)
-    if not estimate.settled:  # Slopes at values that are no results say nothing of them.
-        whole = np.full_like(whole, np.nan)
-    covariance = slopes @ whole[:f, :f] @ slopes.T
-    values, deviations = unknowns.values(z), np.sqrt(np.diag(covariance))
     names = [f"pose, along {name}" for name in module.VELOCITIES]
     names += [f"IMU at {frame}, {what}" for frame in frames for what in _FELT]
     labels = ["drag of the base, N s/m"] * smoother.model.free
@@ -279,6 +323,28 @@ def _identified(
     else:
         for name, error in zip(module.INPUTS, smoother.model.noise.tolist(), strict=True):
             others[f"error of the input {name}, deviation"] = error, float("nan")
+    residuals = dict(zip(names, spread.tolist(), strict=True))
+    z, settled = estimate.shared[:f], estimate.settled
+    return _identified(unknowns, z, whole[:f, :f], settled, residuals, others, sources, prediction)
+
+
+def _identified(
+    unknowns: Unknowns,
+    z: Array,
+    whole: Array,
+    settled: bool,
+    residuals: Mapping[str, float],
+    others: Mapping[str, tuple[float, float]],
+    sources: Sequence[str],
+    prediction: Mapping[str, tuple[float, float]],
+) -> Identified:
+    """Numbers by unknowns (f) and their covariance `whole`, in words and as a robot file."""
+    module, slopes = unknowns.module, unknowns.slopes(z)
+    if not settled:  # Slopes at values that are no results say nothing of them.
+        whole = np.full_like(whole, np.nan)
+        others = {label: (value, float("nan")) for label, (value, _) in others.items()}
+    covariance = slopes @ whole @ slopes.T
+    values, deviations = unknowns.values(z), np.sqrt(np.diag(covariance))
     source = ", ".join(sources)
     words = {
         member: f"{value:.5g} ± {deviation:.2g}, identified from {source}"
@@ -286,11 +352,11 @@ def _identified(
         for member in unknowns.members(name)[:1]
     }
     contradictions, clauses, robot_file = dict[str, str](), tuple[str, ...](), ""
-    if estimate.settled:
+    if settled:
         contradictions = _contradictions(unknowns, z)
         clauses = tuple(
             words
-            for words in unseen(unknowns, whole[:f, :f], slopes)
+            for words in unseen(unknowns, whole, slopes)
             if words.partition(":")[0] not in contradictions
         )
         text = (Path(module.__path__[0]) / "robot.toml").read_text("utf-8")
@@ -299,18 +365,18 @@ def _identified(
         module.NAME,
         source,
         tuple(unknowns.names),
-        unknowns.values(np.zeros(f)),
+        unknowns.values(np.zeros_like(z)),
         values,
         deviations,
         covariance,
         clauses,
-        dict(zip(names, spread.tolist(), strict=True)),
+        residuals,
         others,
         prediction,
         robot_file,
         tuple(contradictions.values()),
-        estimate.settled,
-        () if estimate.settled else _advice(unknowns),
+        settled,
+        () if settled else _advice(unknowns),
     )
 
 

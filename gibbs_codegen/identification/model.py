@@ -123,13 +123,17 @@ class Model:
         felt = np.asarray(out["felt"], float)
         return after, felt.reshape(*after["v"].shape[:-1], self._felt)
 
-    def levels(self, commands: Array) -> Array:
+    def levels(self, commands: Array, constants: Any = None) -> Array:
         """States of actuators (s, nx) by commands (s, nu) alone, by Euler's method."""
         module, times = self.module, np.array(self._times)
         if not self.nx:
             return np.zeros((len(commands), 0))
         if not times.size:
-            start, rates = module.actuator_state_of(commands[0]), module.actuator_rates
+            start = module.actuator_state_of(commands[0])
+
+            def rates(x: Array, command: Array) -> Array:
+                return np.asarray(module.actuator_rates(x, command, constants))
+
         else:
             start = commands[0, self._lagging]
 

@@ -99,6 +99,19 @@ def part_of(recording: Recording, rows: slice) -> Recording:
     return Recording(*series, felt, recording.source)
 
 
+def cut(recording: Recording, parts: Sequence[slice]) -> list[Recording]:
+    """Parts of a recording; a warning of the logger tells which are too short to tell anything."""
+    lengths = [part.stop - part.start for part in parts]
+    for part, length in zip(parts, lengths, strict=True):
+        if 0 < length < _LEAST:
+            words = (
+                "%s: %d samples from %.4g s on are left out, since %d are the fewest in one piece"
+            )
+            _log.warning(words, recording.source, length, recording.time[part.start], _LEAST)
+    rows = zip(parts, lengths, strict=True)
+    return [part_of(recording, part) for part, length in rows if length >= _LEAST]
+
+
 def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
     """What a flight tells: its IMUs and encoders, and coordinates that no encoder reads.
 
@@ -189,14 +202,11 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
         words = "%s: commands are not known for %.3g s after %.6g s; it is cut there"
         _log.warning(words, source, *((np.diff(times)[k], times[k] - begin) * np.array(1e-9)))
     ends = [*np.searchsorted(grid, times[late]).tolist(), len(grid)]
-    parts = [slice(a, b) for a, b in zip(cuts, ends, strict=False) if b - a >= _LEAST]
     seconds = step * np.arange(len(grid), dtype=np.float64)
-    return [
-        Recording(
-            seconds[rows], commands[rows], q[rows], {f: x[rows] for f, x in felt.items()}, source
-        )
-        for rows in parts
-    ]
+    return cut(
+        Recording(seconds, commands, q, felt, source),
+        [slice(a, b) for a, b in zip(cuts, ends, strict=False)],
+    )
 
 
 def _means(samples: Samples, begin: Any, length: int) -> Array:
@@ -246,6 +256,15 @@ def _take_back_delay(series: dict[Any, Samples], source: str) -> None:
             series[name] = samples._replace(time=samples.time - round(delay * 1e9))
 
 
+def _filled(series: Array) -> Array:
+    """Series (s, k) with straight lines where they are NaN."""
+    filled, places = series.copy(), np.arange(len(series))
+    for column in filled.T:
+        known = np.isfinite(column)
+        column[~known] = np.interp(places[~known], places[known], column[known])
+    return filled
+
+
 def _new(values: Array) -> Array:
     """Readings (s, k), NaN where they repeat the last."""
     again = np.append(False, np.all(values[1:] == values[:-1], axis=1))
@@ -277,14 +296,15 @@ def input_noise(recordings: Sequence[Recording], module: Any) -> Array:
 class Readings:
     """Readings of a recording as a fit takes them, with deviations, and a first guess of states.
 
-    `q` (s, nq) are those that are known, `has` (s, nv) which; `felt` (s, 6 i) of IMUs likewise.
+    `q` (s, nq) are those that are known, `has` (s, nv) which; `felt` (s, 6 i) of IMUs, NaN where
+    there is none, and `felt_filled`. `blind` if no reading tells the pose of a base that flies.
     """
 
     def __init__(self, recording: Recording, module: Any, frames: tuple[str, ...]) -> None:
         q, layout = recording.q.copy(), Functions(module).layout
         known = np.isfinite(q)
         lacking = known.sum(axis=0) < _LEAST_READINGS
-        # Without a pose it is as good to stay in one, with steps that may leave anything.
+        # Without a pose it is as good to stay in one: accelerometers do not feel gravity.
         self.blind = bool(layout.moves_freely and frames and lacking[layout.q.base].all())
         if self.blind:
             lacking[layout.q.base] = False
@@ -296,13 +316,7 @@ class Readings:
         if not {*frames} <= {*recording.imus}:
             raise UsageError(f"{recording.source}: has no IMU at {', '.join(frames)}, as others do")
         h, count, self.commands = recording.step, len(recording.time), recording.commands
-        smooth = np.stack(
-            [
-                np.interp(recording.time, recording.time[k], column[k])
-                for column, k in zip(q.T, known.T, strict=True)
-            ],
-            axis=1,
-        )
+        smooth = _filled(np.where(known, q, np.nan))
         self.q = np.where(known, q, smooth)
         extra = self.q.shape[1] - len(module.VELOCITIES)
         # A quaternion's four entries, which a free base has behind its place, are three of `v`.
@@ -310,6 +324,7 @@ class Readings:
         self.felt = np.concatenate(
             [np.zeros((count, 0)), *(recording.imus[frame] for frame in frames)], axis=1
         )
+        self.felt_filled = _filled(self.felt)
         low = butter(4, min(_CUTOFF, 0.4 / h), fs=1 / h, output="sos")
         guess = sosfiltfilt(low, smooth, axis=0)
         zero = np.zeros(len(module.VELOCITIES))
@@ -324,8 +339,7 @@ class Readings:
             moves = module.difference(self.q[rows][:-1], self.q[rows][1:])[:, [k]]
             self.deviations[k] = deviation(moves, floor, increments=True)[0]
         if self.blind:
-            self.deviations[layout.v.base] = 1.0
-            self.rates[:, layout.v.attitude] = np.nan_to_num(self.felt[:, 3:6])
+            self.rates[:, layout.v.attitude] = self.felt_filled[:, 3:6]
         floors = [*[_FLOOR_FELT] * 3, *[_FLOOR_SPIN] * 3]
         self.felt_deviations = np.array(
             [

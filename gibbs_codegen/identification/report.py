@@ -59,7 +59,7 @@ def _sections(found: Identified) -> Iterator[Section]:
         yield title, ("number", "with", "correlation"), rows
     if found.prediction:
         rows = [(name, *(f"{x:.3g}" for x in pair)) for name, pair in found.prediction.items()]
-        title = "Errors of predictions of half a second, where the log was held out"
+        title = "Errors of predictions, where the log was held out"
         yield title, ("of", "by the robot file", "as identified"), rows
     rows = [
         (name, f"{x:.4g}", f"{s:.2g}" if np.isfinite(s) else "")
@@ -72,7 +72,10 @@ def _sections(found: Identified) -> Iterator[Section]:
             [row[: 2 + found.settled] for row in rows],
         )
     rows = [(name, f"{x:.2f}") for name, x in found.residuals.items()]
-    title = "Residuals over deviations: about 1 where everything is explained"
+    title = (
+        "Residuals: of readings over their deviations, about 1 where everything is explained; of "
+        "accelerations the share that is not"
+    )
     yield title, ("reading", "root mean square"), rows
 
 

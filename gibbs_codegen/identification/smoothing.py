@@ -35,10 +35,6 @@ _WIND_TIME, _WIND, _CALM = 1.0, 0.3, 0.01
 # Readings that are off by more of their deviations weigh less (Huber).
 _OUTLIER = 3.0
 _STEP = 1e-6
-# Share of the drag's deviation without a pose, by which velocities are unknown.
-_BLIND = 1e-6
-# What steps may leave of a pose that nothing reads, and of its velocity, SI units.
-_ANYTHING = 1e3
 # Samples at a time, which stay in the cache.
 _CHUNK, _ALL = 1024, slice(None)
 # Changes of shared numbers, of their deviations, and shares of strengths, that are none;
@@ -78,11 +74,8 @@ class Smoother:
         # Whether a sample is followed by the next, of the same log.
         self.follows = np.ones((len(self.q), 1))
         self.follows[ends] = 0.0
-        # What no log tells the attitude of, it feels no gravity of, nor air as it goes.
-        blind = all(log.blind for log in logs)
-        fixed = {"gravity": 0.0} if blind else {}
         self._machine = lru_cache(64)(
-            lambda z: model.machine(unknowns.parameters(np.frombuffer(z)) | fixed)
+            lambda z: model.machine(unknowns.parameters(np.frombuffer(z)))
         )
         self._pool = ThreadPoolExecutor(os.cpu_count())
         self.has = np.concatenate([self.has, np.isfinite(self.felt)], axis=1).astype(float)
@@ -91,15 +84,12 @@ class Smoother:
         self.weights = 1.0 / np.sqrt(np.mean(np.square(weights), axis=0))
         root, nv = np.sqrt(model.h), model.nv
         steps = np.array([*[_OF_Q * root] * nv, *[_OF_V * root] * nv, *[_OF_X * root] * model.nx])
-        if blind:
-            along = np.arange(nv)[model.layout.v.position]
-            steps[[*model.layout.v.base, *(nv + along)]] = _ANYTHING
         self.step_weights = 1.0 / steps
         self.left = np.exp(-model.h / _WIND_TIME) if model.free else 0.0
         self.imus = self.felt.shape[1]
         prior = [unknowns.prior] * len(unknowns.names)
         if model.free:
-            prior.append((_BLIND if blind else 1.0) * _DRAG * float(model.machine({}).scale[0]))
+            prior.append(_DRAG * float(model.machine({}).scale[0]))
         prior += ([_BIASES[0]] * 3 + [_BIASES[1]] * 3) * (self.imus // 6)
         self.prior = np.array(prior)
         self.first = {

@@ -17,11 +17,13 @@ from gibbs_codegen import (
     simulate,
     write_log,
 )
+from gibbs_codegen.files.shipped import text_of
 from gibbs_codegen.flight.logs.log import recorded_of
 from gibbs_codegen.flight.logs.reading import Samples
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.identification.recorded import Recording, recording_of, recordings_of
+from gibbs_codegen.identification.robot_file import with_numbers
 from gibbs_codegen.robot.file import parse_robot
 
 ROBOT = "quadrotor_arm_2link"
@@ -135,6 +137,20 @@ def test_outliers_and_gaps_change_little(module, flight, identified) -> None:
     again = identify(module, spoilt, FREE, hold_out=0.15)
     moved = np.abs(again.values - identified.values) / again.deviations
     assert moved.max() < 2.0, dict(zip(again.names, moved, strict=True))
+
+
+@pytest.mark.slow  # 6 s.
+def test_a_robot_file_may_be_far_off(module, flight, identified, tmp_path: Path) -> None:
+    """Of which masses are three times as great: a fit from its numbers does not settle."""
+    text, _ = text_of(ROBOT, "robots", UsageError)
+    far = ("base_mass", "forearm_mass", *(f"base_inertia_{axes}" for axes in ("xx", "yy", "zz")))
+    text = with_numbers(text, {name: 3 * module.PARAMETERS[name] for name in far}, {})
+    (tmp_path / "far.toml").write_text(text, "utf-8")
+    other = load(generate(tmp_path / "far.toml", tmp_path, verify=False), backend="c")
+    again = identify(other, flight, FREE, hold_out=0.15)
+    assert again.settled
+    assert len(again.contradictions) >= 2
+    np.testing.assert_allclose(again.values, identified.values, rtol=0.03, atol=1e-4)
 
 
 def later(samples: Samples) -> Samples:

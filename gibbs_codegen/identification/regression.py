@@ -1,0 +1,135 @@
+"""Numbers by regression of accelerations, in which no motion has to be computed.
+
+What was measured and what the model gives for it are low-passed alike, which takes noise away and
+no motion. What was commanded is known, and accelerations err: as factors, as they are in inverse
+dynamics, their noise would draw inertias down. So a fit of the motion begins well however far off
+the robot file is; and where no log tells a pose, this is the fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from gibbs_codegen.flight.vectors import Array
+from gibbs_codegen.identification.model import Model
+from gibbs_codegen.identification.recorded import Readings
+from gibbs_codegen.identification.unknowns import Unknowns
+
+# What is faster is left out, Hz; so is what is slower of turns of a base of which no log tells
+# how fast it goes, since the air turns it by that.
+_FAST, _SLOW = 10.0, 2.0
+# Samples of a period of what is left, s at both ends that filters spoil, outliers by deviations.
+_SAMPLES, _EDGE, _OUTLIER = 5, 0.4, 3.0
+# The deviation of a delay, s, before a log tells it, and of its own the fewest that it is.
+_DELAY, _SURE = 0.02, 5.0
+# Changes of unknowns, and of the delay over its deviation: for differences, at most, and that are
+# none; iterations at most.
+_DIFFERENCE, _MOST, _SETTLED, _ITERATIONS = 1e-4, 0.7, 1e-3, 25
+
+
+class Regression:
+    """Accelerations of logs by y: unknowns, and a delay of readings, s.
+
+    `measured` (s, m) are low-passed accelerations by their `names` (m).
+    """
+
+    def __init__(self, model: Model, unknowns: Unknowns, logs: Sequence[Readings]) -> None:
+        self.model, self.unknowns, self.logs = model, unknowns, logs
+        h, layout = model.h, model.layout
+        fast = min(_FAST, 0.4 / h)
+        self._low = butter(3, fast, fs=1 / h, output="sos")
+        self._turns = butter(3, (_SLOW, fast), "bandpass", fs=1 / h, output="sos")
+        self._rows = slice(
+            round(_EDGE / h), -round(_EDGE / h), max(1, round(1 / h / _SAMPLES / fast))
+        )
+        self._second = round(1 / h / self._rows.step)
+        self.blind = any(log.blind for log in logs)
+        self._places = [*range(model.nv)]
+        if self.blind:
+            self._places = self._places[layout.v.attitude.start :]
+        self._felt = [k for k in range(logs[0].felt.shape[1] * self.blind) if k % 6 < 3]
+        self.names = [f"acceleration along {model.module.VELOCITIES[k]}" for k in self._places]
+        self.names += [f"accelerometer, {'xyz'[k % 6]}" for k in self._felt]
+        self.prior = np.array([*[unknowns.prior] * len(unknowns.names), _DELAY])
+        self._sizes = np.array([*[1.0] * len(unknowns.names), _DELAY])
+        self._states = [
+            {
+                "q": log.guess,
+                "v": sosfiltfilt(self._low, log.rates, axis=0),
+                "pull": np.zeros((len(log.q), model.pulls)),
+            }
+            for log in logs
+        ]
+        self.measured = np.concatenate(
+            [self._passed(np.diff(log.rates, axis=0), log.felt_filled) for log in logs]
+        )
+
+    def _passed(self, changes: Array, felt: Array) -> Array:
+        """Rows of what steps change of velocities, and of what IMUs feel, without what is fast."""
+        series = np.concatenate(
+            [changes[:, self._places] / self.model.h, felt[:-1, self._felt]], axis=1
+        )
+        passed: Array = sosfiltfilt(self._low, series, axis=0)
+        if self.blind:
+            passed[:, :3] = sosfiltfilt(self._turns, series[:, :3], axis=0)
+        return passed[self._rows]
+
+    def misses(self, y: Array) -> Array:
+        """Errors (s, m) of accelerations."""
+        rows = []
+        fixed = {"gravity": 0.0} if self.blind else {}
+        machine = self.model.machine(self.unknowns.parameters(y[:-1]) | fixed)
+        for log, state in zip(self.logs, self._states, strict=True):
+            commands = delayed(log.commands, float(y[-1]) / self.model.h)
+            x = self.model.levels(commands, machine.constants)
+            after, felt = self.model({**state, "x": x}, machine, command=commands, drag=0.0)
+            rows.append(self._passed((after["v"] - state["v"])[:-1], felt))
+        return np.concatenate(rows) - self.measured
+
+    def run(self) -> tuple[Array, bool]:
+        """The most likely y, and whether steps have come to an end."""
+        y, settled = np.zeros(len(self.prior)), False
+        for _ in range(_ITERATIONS):
+            slopes, misses, normal = self._weighed(y)
+            change = -np.linalg.solve(normal, slopes.T @ misses + y / self.prior**2)
+            y = y + np.clip(change, -_MOST * self._sizes, _MOST * self._sizes)
+            if settled := bool(np.all(np.abs(change) < _SETTLED * self._sizes)):
+                break
+        return y, settled
+
+    def _weighed(self, y: Array) -> tuple[Array, Array, Array]:
+        """Slopes (m s, n) and errors (m s), robustly, over what is left, and normal equations."""
+        misses = self.misses(y)
+        steps = _DIFFERENCE * self._sizes
+        moved = [self.misses(y + step) for step in np.diag(steps)]
+        slopes = np.stack([(m - misses) / s for m, s in zip(moved, steps, strict=True)], axis=-1)
+        size = np.maximum(np.sqrt(np.mean(misses**2, axis=0)), 1e-9)
+        misses = misses / size
+        robust = np.sqrt(np.minimum(1.0, _OUTLIER / np.maximum(np.abs(misses), 1e-9)))
+        flat = (slopes * (robust / size)[..., np.newaxis]).reshape(-1, len(y))
+        # Errors go together that follow each other: a second of them tells as much as one does.
+        flat, flat_misses = (x / np.sqrt(self._second) for x in (flat, (misses * robust).ravel()))
+        return flat, flat_misses, flat.T @ flat + np.diag(self.prior**-2)
+
+    def covariance(self, y: Array) -> Array:
+        """Covariance of y, if sums of errors over a second are independent, and no more is."""
+        slopes, misses, normal = self._weighed(y)
+        scores = slopes * misses[:, np.newaxis]
+        each = np.arange(0, len(scores), self._second * len(self.names))
+        sums = np.add.reduceat(scores, each)
+        inverse = np.linalg.inv(normal)
+        return np.asarray(inverse @ (sums.T @ sums + np.diag(self.prior**-2)) @ inverse)
+
+    def sure_delay(self, y: Array) -> float:
+        """The delay, s; 0 if it may be none, or is shorter than samples tell."""
+        least = max(_SURE * np.sqrt(self.covariance(y)[-1, -1]), 0.25 * self.model.h)
+        return float(y[-1]) if abs(y[-1]) > least else 0.0
+
+
+def delayed(commands: Array, samples: float) -> Array:
+    """Commands (s, nu) that many samples later, the first until then."""
+    times = np.arange(len(commands))
+    return np.stack([np.interp(times - samples, times, column) for column in commands.T], axis=1)
