@@ -16,6 +16,7 @@ from gibbs_codegen.arrays.slopes import (
     coordinates_slope,
     elementary_slopes,
     entries_slope,
+    widened,
 )
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import FUNCTIONS, derivative
@@ -248,7 +249,7 @@ def _of_call(
             for output, bar in zip(FUNCTIONS[name].outputs, bars, strict=True):
                 place = row.arguments.index(output.name.removesuffix("_bar"))
                 if place in places:
-                    yield place, bar
+                    yield place, widened(bar, x.arguments[place])
             continue
         # Weights are of any of its outputs.
         own = x.operation if isinstance(x.operation, nodes.Call) else call

@@ -13,11 +13,13 @@ from gibbs_codegen.arrays import nodes
 from gibbs_codegen.arrays.labels import label
 from gibbs_codegen.arrays.nodes import Label, Node, Program
 from gibbs_codegen.arrays.slopes import (
+    by_velocities,
     call_slopes,
     coordinates_slope,
     direct,
     elementary_slopes,
     entries_slope,
+    narrowed,
 )
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import FUNCTIONS, derivative
@@ -147,10 +149,10 @@ def _terms(x: Node, inner: dict[int, Node]) -> list[Node]:
         case nodes.Call() as call:
             if columns == 1 and (name := direct(call)):
                 return [_product_with(call, name, x, inner)]
-            if columns == 1 and call.name == "frame_poses" and not _has_derivative(call):
+            if columns == 1 and _poses_move(call):
                 return [_poses_along(call, x, inner[0])]
             call_slope = call_slopes(call, x, [*inner])
-            if call.name == "integrate":
+            if call.name == "integrate" and not x.space.has_drive:
                 return [_moved(call_slope, inner)]
             return [_through(call_slope[place], d) for place, d in inner.items()]
         case nodes.Invocation(program, output):
@@ -198,16 +200,20 @@ def _alone(x: Node, d: Node) -> Node:
 def _product_with(call: nodes.Call, name: str, x: Node, inner: dict[int, Node]) -> Node:
     """The derivative of a call along one direction, by the function that gives products."""
     directions = [
-        nodes.reshaped(inner[place], y.tangent) if place in inner else nodes.zeros(*y.tangent)
+        narrowed(nodes.reshaped(inner[place], y.tangent), y)
+        if place in inner
+        else nodes.zeros(*by_velocities(y))
         for place, y in enumerate(x.arguments)
     ]
     (product,) = call.functions.outputs(name, *x.arguments, *directions)
     return nodes.reshaped(product, (*x.tangent, 1))
 
 
-def _has_derivative(call: nodes.Call) -> bool:
-    """True if the module has the derivatives of a function by matrices."""
-    return derivative(call.name, "jacobian") in call.functions.signatures
+def _poses_move(call: nodes.Call) -> bool:
+    """True for poses without derivatives by matrices, if velocities have all their directions."""
+    has, space = call.functions.signatures, call.functions.space
+    lacking = derivative(call.name, "jacobian") not in has
+    return call.name == "frame_poses" and lacking and not space.has_drive
 
 
 def _poses_along(call: nodes.Call, x: Node, direction: Node) -> Node:

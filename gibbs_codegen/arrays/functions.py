@@ -152,6 +152,24 @@ class Functions:
             return self.outputs("integrate", q, displacement)[0]
         return coordinates_of(entries_of(q) + displacement, self.space)
 
+    def displaced(self, q: Node, displacement: Node) -> Node:
+        """As `integrate`, of a displacement in all directions (nd): `displacement` leads back.
+
+        Args:
+            q: Coordinates (nq).
+            displacement: In rad or m; with a drive ahead, sideways, about z and of joints.
+
+        Returns:
+            The node.
+        """
+        if not self.space.has_drive:
+            return self.integrate(q, displacement)
+        ahead, side, rest = displacement[:1], displacement[1:2], displacement[2:]
+        moved, turned = entries_of(self.integrate(q, join(ahead, rest))), self._turned(q)
+        across = entries_of(self.integrate(turned, join(side, rest))) - entries_of(turned)
+        place = moved[: self.space.travels] + across[: self.space.travels]
+        return coordinates_of(join(place, moved[self.space.travels :]), self.space)
+
     def away(self, q: Node, other: Node) -> Node:
         """The displacement (nv) from coordinates to others: as of `integrate`, their difference.
 
@@ -179,10 +197,13 @@ class Functions:
         moved = self.away(q, other)
         if not self.space.has_drive:
             return moved
-        # What is sideways lies ahead of axes that are a quarter turn on.
+        sideways = self.away(self._turned(q), self._turned(other))[:1]
+        return join(moved[:1], sideways, moved[1:])
+
+    def _turned(self, q: Node) -> Node:
+        """Coordinates with the base a quarter turn on, ahead of which lies what was sideways."""
         turn = 0.5 * np.pi * (np.arange(self.space.coordinates) == self.space.travels)
-        ends = (coordinates_of(entries_of(x) + turn, self.space) for x in (q, other))
-        return join(moved[:1], self.away(*ends)[:1], moved[1:])
+        return coordinates_of(entries_of(q) + turn, self.space)
 
     def outputs(self, name: str, *arguments: Node) -> tuple[Node, ...]:
         """The outputs of a function, as many as it has.

@@ -39,8 +39,9 @@ class Space:
     With a quaternion coordinates begin with the base's position (3) and the quaternion (4), and
     displacements with the linear (3) and the angular (3) one, in the base's axes. Of a base that
     stays level they begin with `travels` of its position, and then the yaw, and displacements with
-    as many, along and about its axes; with a drive there is none sideways. All others are sums of
-    entry and displacement. Angles of wheels at the end have no displacements of their own.
+    as many, along and about its axes; with a drive the second, sideways, is none of the velocities.
+    All others are sums of entry and displacement. Angles of wheels at the end have no displacements
+    of their own: what is on a wheel apart, nothing depends on them.
     """
 
     coordinates: int
@@ -55,6 +56,11 @@ class Space:
         travels = range(layout.q.size)[layout.q.position]
         drive = layout.v.size < layout.q.size - layout.q.wheels
         return cls(layout.q.size, layout.v.size, len(travels) if level else 0, level and drive)
+
+    @property
+    def displacements(self) -> int:
+        """Number of directions in which coordinates are displaced."""
+        return self.velocities + self.has_drive
 
     @property
     def is_flat(self) -> bool:
@@ -209,7 +215,7 @@ class Node:
     @property
     def tangent(self) -> Shape:
         """Shape of a displacement of the value."""
-        return (self.space.velocities,) if self.space else self.shape
+        return (self.space.displacements,) if self.space else self.shape
 
     @property
     def transposed(self) -> Node:

@@ -29,6 +29,8 @@ def by_arguments(robot: Functions, name: str, by: tuple[str, ...]) -> Program:
     of `gradients_by_arguments`.
     """
     inputs, arguments = _arguments(robot, name)
+    if robot.layout.q.wheels and any(y.is_coordinates for y in FUNCTIONS[name].outputs):
+        raise UsageError(f"no function of a module gives how {name} moves angles of wheels")
     outputs = dict(zip(_names(name), map(entries_of, robot.outputs(name, *arguments)), strict=True))
     values = {y.name: outputs[y.name] for y in FUNCTIONS[name].outputs if not y.by}
     program = Program(name, inputs, values or outputs)
@@ -45,7 +47,7 @@ def gradients_by_arguments(robot: Functions, name: str, by: tuple[str, ...]) -> 
     inputs, arguments = _arguments(robot, function)
     w = variable("w", robot.space.velocities)
     call = derivative(function, "vjp")
-    if not call:
+    if not call or robot.space.has_drive:
         raise UsageError(f"no function of a module gives derivatives of {name} by {by[0]}")
     bars = {
         x: node(Call(robot, call, place), (*arguments, w), arguments[place].tangent)

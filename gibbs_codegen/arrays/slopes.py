@@ -15,14 +15,18 @@ import numpy as np
 from gibbs_codegen.arrays.nodes import (
     Call,
     Node,
+    Shape,
     Space,
     Value,
+    absolute,
     beside,
     choose,
     constant,
     cosine,
     elementary,
+    entries_of,
     join,
+    maximum,
     reshaped,
     sine,
     transposed,
@@ -57,10 +61,10 @@ ELEMENTARY_SLOPES: dict[str, Callable[..., Sequence[Value]]] = {
 
 # Functions whose derivative by q has a name of its own.
 _JACOBIANS = {"centre_of_mass": "centre_of_mass_jacobian"}
-_NO_SLOPE = (
-    "a drive, or wheels: functions have derivatives along the velocities, but motions and steps "
-    "have none, since coordinates have more directions"
-)
+# Functions that tell places, which move with a base that a drive has moved sideways.
+_PLACES = ("frame_poses", "centre_of_mass")
+# Of half an angle, rad: least in what is divided by it.
+_LEAST_ANGLE = 1e-9
 # Functions that derivatives of a call are made of, the better ones first.
 _KINDS: tuple[Kind, ...] = ("jacobian", "jvp")
 
@@ -74,13 +78,89 @@ def elementary_slopes(name: str, x: Node) -> list[Node]:
 def call_slopes(call: Call, x: Node, places: Sequence[int]) -> dict[int, Node]:
     """Derivatives of a call by its arguments at some places, which its function must have.
 
+    With a drive the module has those along velocities, beside which others are put here.
+    """
+    slopes = _slopes_by_velocities(call, x, places)
+    if not call.functions.space.has_drive:
+        return slopes
+    if x.space:
+        return {place: _driven(x, place, slope) for place, slope in slopes.items()}
+    return {
+        place: _with_side(slope, _by_side(call, x, place)) if x.arguments[place].space else slope
+        for place, slope in slopes.items()
+    }
+
+
+def by_velocities(x: Node) -> Shape:
+    """Shape of a displacement of a value along velocities, as the module's derivatives have it."""
+    return (x.space.velocities,) if x.space else x.shape
+
+
+def widened(bar: Node, x: Node) -> Node:
+    """The gradient by displacements of an argument, from the module's, which is by velocities.
+
+    Sideways it is zero: no function that has a gradient depends on the place.
+    """
+    return bar if bar.shape == x.tangent else join(bar[:1], zeros(1), bar[1:])
+
+
+def narrowed(move: Node, x: Node) -> Node:
+    """A displacement of an argument along velocities: sideways no function here depends on it."""
+    return move if move.shape == by_velocities(x) else join(move[:1], move[2:])
+
+
+def _with_side(slope: Node, side: Node) -> Node:
+    """Derivatives (…, nd) by displacements: those along velocities (…, nv), and sideways (…, 1)."""
+    last = len(slope.shape) - 1
+    columns, side = (transposed(x, (last, *range(last))) for x in (slope, side))
+    return transposed(join(columns[:1], side, columns[1:]), (*range(1, last + 1), 0))
+
+
+def _by_side(call: Call, x: Node, place: int) -> Node:
+    """The derivative (…, 1) of a call as a base with a drive is displaced to its left."""
+    row = FUNCTIONS[call.name]
+    name, space = row.derivative_of or row.name, call.functions.space
+    if row.needs == ("CONSTRAINTS",):
+        raise UsageError(f"{name} has no derivatives with a drive: {call.functions.name} has one")
+    if name == "difference":  # By the logarithm of the plane half the turn, of either end.
+        return constant(np.eye(x.size, 1)) * reshaped(-0.5 * x[space.travels - 1], (1, 1))
+    if name not in _PLACES:
+        return zeros(*x.shape, 1)
+    yaw = entries_of(x.arguments[place])[space.travels]
+    left = reshaped(join(-sine(yaw), cosine(yaw), 0.0), (3, 1))
+    if name == "centre_of_mass":
+        return left
+    pose = reshaped(join(beside(zeros(3, 3), left), zeros(1, 4)), (1, 4, 4, 1))
+    return join(*[pose] * x.shape[0])
+
+
+def _driven(x: Node, place: int, slope: Node) -> Node:
+    """Derivative (nd, nd) or (nd, nv) of `integrate` where it moves ahead and turns, in the plane.
+
+    The place before is seen from that after it. (1 − cos θ)/θ² is sinc²(θ/2)/2 of the turn θ.
+    """
+    step = x.arguments[1]
+    ahead, turn = step[0], step[1]
+    half = maximum(absolute(0.5 * turn), _LEAST_ANGLE)
+    ratio = sine(half) / half
+    bend, rest = 0.5 * ratio * ratio, zeros(step.size - 2)
+    if place == 1:
+        side = join(-bend * turn, bend * ahead, rest)
+        return join(slope[:1], reshaped(side, (1, side.size)), slope[1:])
+    side = join(-sine(turn), ahead * ratio * cosine(half), rest)
+    column = join(sine(turn), cosine(turn), zeros(step.size - 1))
+    rows = join(slope[:1], reshaped(side, (1, side.size)), slope[1:])
+    return _with_side(rows, reshaped(column, (column.size, 1)))
+
+
+def _slopes_by_velocities(call: Call, x: Node, places: Sequence[int]) -> dict[int, Node]:
+    """Derivatives of a call by its arguments, of coordinates along velocities.
+
     They are what a function of the module gives with a matrix for each argument, or else, direction
     by direction, what one gives with products.
     """
     row = FUNCTIONS[call.name]
     value = row.outputs[call.output]
-    if value.is_coordinates and call.functions.space.has_drive:
-        raise UsageError(_NO_SLOPE)
     if row.kind == "vjp" and derivative(row.derivative_of, "hessian"):
         return _second_slopes(call, x, places)
     if row.kind == "jacobian" and not value.by:
@@ -105,7 +185,9 @@ def call_slopes(call: Call, x: Node, places: Sequence[int]) -> dict[int, Node]:
     if absent := [row.arguments[place] for place in places if place not in slopes]:
         raise UsageError(f"{fault}{absent[0]}")
     return {
-        place: reshaped(slopes[place], (*x.tangent, math.prod(x.arguments[place].tangent)))
+        place: reshaped(
+            slopes[place], (*by_velocities(x), math.prod(by_velocities(x.arguments[place])))
+        )
         for place in places
     }
 
@@ -119,7 +201,7 @@ def direct(call: Call) -> str:
 
 def _by_products(call: Call, x: Node, place: int, name: str) -> Node:
     """The derivative by the argument at a place, from products with unit directions of it."""
-    still = [zeros(*argument.tangent) for argument in x.arguments]
+    still = [zeros(*by_velocities(argument)) for argument in x.arguments]
     rows = [zeros(0, *x.tangent)]
     for unit in np.eye(still[place].size):
         moved = constant(unit.reshape(still[place].shape))
@@ -139,7 +221,7 @@ def _second_slopes(call: Call, x: Node, places: Sequence[int]) -> dict[int, Node
     function = FUNCTIONS[FUNCTIONS[call.name].derivative_of]
     *arguments, w = x.arguments
     (value,) = call.functions.outputs(function.name, *arguments)
-    first = call_slopes(replace(call, name=function.name, output=0), value, [call.output])
+    first = _slopes_by_velocities(replace(call, name=function.name, output=0), value, [call.output])
     by_weights = first[call.output].transposed
     slopes = {place: by_weights for place in places if place == len(arguments)}
     if slopes.keys() == {*places}:
@@ -148,7 +230,9 @@ def _second_slopes(call: Call, x: Node, places: Sequence[int]) -> dict[int, Node
     outputs = call.functions.outputs(name, *arguments, w)
     blocks = {y.name: block for y, block in zip(FUNCTIONS[name].outputs, outputs, strict=True)}
     if "hessian" in blocks:
-        blocks = _split(blocks["hessian"], function.arguments, [y.tangent[0] for y in arguments])
+        blocks = _split(
+            blocks["hessian"], function.arguments, [by_velocities(y)[0] for y in arguments]
+        )
     for place in {*places} - slopes.keys():
         row, column = function.arguments[call.output], function.arguments[place]
         if row + column in blocks:
@@ -156,7 +240,7 @@ def _second_slopes(call: Call, x: Node, places: Sequence[int]) -> dict[int, Node
         elif column + row in blocks:
             slopes[place] = blocks[column + row].transposed
         else:
-            slopes[place] = zeros(*x.tangent, arguments[place].tangent[0])
+            slopes[place] = zeros(*x.tangent, by_velocities(arguments[place])[0])
         if row == column and arguments[place].space and not call.functions.space.is_flat:
             slopes[place] = slopes[place] + _commutator(by_weights @ w, call.functions.space)
     return slopes
@@ -195,28 +279,28 @@ def _skew(x: Node) -> Node:
 def entries_slope(entries: Node, space: Space) -> Node | None:
     """Derivative of the entries of coordinates by displacements; None where they are the same."""
     if space.travels:
-        return _level(entries, space, 1.0)
+        shape = space.coordinates, space.displacements
+        return _level(entries[space.travels], *shape, side=1.0)
     if not space.has_quaternion:
         return None
     rotation, rates = _attitude(entries[3:7])
     return _diagonal(rotation, 0.5 * rates, space.velocities - 6)
 
 
-def _level(entries: Node, space: Space, side: float) -> Node:
-    """Rotation of the position of a level base by its yaw, back if `side` is -1; (nv, nv)."""
-    if space.coordinates != space.velocities:
-        raise UsageError(_NO_SLOPE)
-    yaw, rest = entries[space.travels], np.eye(space.velocities)
+def _level(yaw: Node, *shape: int, side: float) -> Node:
+    """Rotation of the position of a level base by its yaw, back if `side` is -1."""
+    rest = np.eye(*shape)
     rest[:2, :2], turned = 0.0, np.zeros_like(rest)
     turned[:2, :2] = ((0.0, -side), (side, 0.0))
-    plane = np.eye(space.velocities) - rest
+    plane = np.eye(*shape) - rest
     return cosine(yaw) * constant(plane) + sine(yaw) * constant(turned) + constant(rest)
 
 
 def coordinates_slope(entries: Node, space: Space) -> Node | None:
     """Derivative of displacements by the entries of coordinates, which keep the unit length."""
     if space.travels:
-        return _level(entries, space, -1.0)
+        shape = space.displacements, space.coordinates
+        return _level(entries[space.travels], *shape, side=-1.0)
     if not space.has_quaternion:
         return None
     rotation, rates = _attitude(entries[3:7])

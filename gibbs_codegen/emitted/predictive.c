@@ -57,7 +57,7 @@ WIDE static void linearise(const Constants *constants, Controller *own, Room *ro
     Plan *plan = &room->plan;
     for (int first = 0; first < NODES; first += LANES) {
         number u[INPUTS], x[SIZE], x_next[SIZE], h, reference[REFERENCE];
-        number gap[STATES], slope[STATES * WIDTH], hessian[VELOCITIES * VELOCITIES];
+        number gap[STATES], slope[STATES * WIDTH], hessian[DISPLACEMENTS * DISPLACEMENTS];
         number gradient[WIDTH], cost;
         gather(own->u[0], first, NODES, INPUTS, u);
         gather(own->x[0], first, NODES, SIZE, x);
@@ -74,10 +74,10 @@ WIDE static void linearise(const Constants *constants, Controller *own, Room *ro
                     reals(node->slope[i])[j] = reals(slope)[(i * WIDTH + j) * LANES + lane];
                 }
             }
-            for (int i = 0; i < VELOCITIES; ++i) {
-                for (int j = i; j < VELOCITIES; ++j) {
+            for (int i = 0; i < DISPLACEMENTS; ++i) {
+                for (int j = i; j < DISPLACEMENTS; ++j) {
                     reals(node->hessian[INPUTS + i])[INPUTS + j] =
-                        reals(hessian)[(i * VELOCITIES + j) * LANES + lane];
+                        reals(hessian)[(i * DISPLACEMENTS + j) * LANES + lane];
                 }
             }
             for (int i = 0; i < WIDTH; ++i) {
@@ -86,22 +86,22 @@ WIDE static void linearise(const Constants *constants, Controller *own, Room *ro
         }
     }
     number x[SIZE], reference[REFERENCE];
-    number gradient[2 * VELOCITIES], hessian[4 * VELOCITIES * VELOCITIES], cost;
+    number gradient[MOTION], hessian[MOTION * MOTION], cost;
     Node *last = &plan->node[NODES];
     gather(own->x[NODES], 0, 1, SIZE, x);
     gather(own->reference[NODES], 0, 1, REFERENCE, reference);
     END(x, reference, own->weights, own->ahead, hessian, gradient, &cost);
-    for (int i = 0; i < 2 * VELOCITIES; ++i) {
+    for (int i = 0; i < MOTION; ++i) {
         reals(last->gradient)[INPUTS + i] = reals(gradient)[i * LANES];
-        for (int j = i; j < 2 * VELOCITIES; ++j) {
+        for (int j = i; j < MOTION; ++j) {
             reals(last->hessian[INPUTS + i])[INPUTS + j] =
-                reals(hessian)[(2 * VELOCITIES * i + j) * LANES];
+                reals(hessian)[(MOTION * i + j) * LANES];
         }
     }
     for (int k = 0; k < NODES; ++k) {
         Node *node = &plan->node[k];
         for (int i = 0; i < WIDTH; ++i) {
-            if (i < INPUTS || i >= INPUTS + VELOCITIES) {
+            if (i < INPUTS || i >= INPUTS + DISPLACEMENTS) {
                 reals(node->hessian[i])[i] = own->diagonal[i];
             }
         }
@@ -186,7 +186,7 @@ WIDE static real value_of_plan(
         }
     }
     number x[SIZE], reference[REFERENCE];
-    number gradient[2 * VELOCITIES], hessian[4 * VELOCITIES * VELOCITIES], cost;
+    number gradient[MOTION], hessian[MOTION * MOTION], cost;
     gather(states + NODES * SIZE, 0, 1, SIZE, x);
     gather(own->reference[NODES], 0, 1, REFERENCE, reference);
     END(x, reference, own->weights, own->ahead, hessian, gradient, &cost);

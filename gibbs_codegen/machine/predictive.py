@@ -2,7 +2,7 @@
 
 At each node k the state x is coordinates q, velocities v, states of motors, and the
 inputs of the node before, where changes of inputs cost or are limited. A small change of a node is
-w = (du, dx), with displacements of q in the tangent space. To first order
+w = (du, dx), with displacements (nd) of q in the tangent space. To first order
 
     dx_next = slope w + gap,    cost = value + gradient w + w hessian w / 2,
 
@@ -122,17 +122,22 @@ class Horizon:
     @property
     def states(self) -> int:
         """Length of a displacement of a state."""
-        return 2 * self.robot.space.velocities + self.motors + self.before
+        return self.motion + self.motors + self.before
+
+    @property
+    def motion(self) -> int:
+        """Length of displacements and velocities."""
+        return self.robot.space.displacements + self.robot.space.velocities
 
     @property
     def size(self) -> int:
         """Length of a state."""
-        return self.robot.space.coordinates + self.states - self.robot.space.velocities
+        return self.robot.space.coordinates + self.states - self.robot.space.displacements
 
     @property
     def pushing(self) -> NDArray[np.float64]:
         """Change of each input (rows) that displacements of q and v (columns) call for."""
-        pushing = np.zeros((self.robot.inputs, 2 * self.robot.space.velocities))
+        pushing = np.zeros((self.robot.inputs, self.motion))
         for row, entry in self.served:
             pushing[row, entry] = 1.0
         return pushing
@@ -151,7 +156,7 @@ class Horizon:
         return {
             "points": 3 * len(self.points),
             "orientations": 3 * len(self.orientations),
-            "posture": nv,
+            "posture": self.robot.space.displacements,
             "velocities": nv,
             "inputs": nu,
             "changes": self.before,
@@ -176,20 +181,20 @@ class Horizon:
         return Program("horizon_values", tuple(node.inputs), outputs)
 
     def end(self) -> Program:
-        """The end of the horizon: `hessian` (2 nv, 2 nv) and `gradient` of (q, v), and `cost`.
+        """The end of the horizon: `hessian` and `gradient` of (q, v), nd + nv, and `cost`.
 
         It has the errors of a node, and those that a regulator would still have to bring to zero
-        cost `ahead`: its matrix (2 nv, 2 nv), and if the base is carried a turn (3, 3) from world
-        axes to those of the base's position, and the first point's slope (3, nv) in hover.
+        cost `ahead`: its matrix, and if the base is carried a turn (3, 3) from world axes to those
+        of the base's position, and the first point's slope (3, nv) in hover.
         """
-        nv, node = self.robot.space.velocities, self._node_inputs()
+        size, nd, node = self.motion, self.robot.space.displacements, self._node_inputs()
         errors = jacobian(self._errors, ("q",)).results(node.q, *self._led(node))
         away, slope = errors["away"], errors["away_by_q"]
         ahead = variable("ahead", self.ahead, uniform=True)
-        matrix = reshaped(ahead[: 4 * nv * nv], (2 * nv, 2 * nv))
+        matrix = reshaped(ahead[: size * size], (size, size))
         if self.carries:
-            turn = reshaped(ahead[4 * nv * nv : 4 * nv * nv + 9], (3, 3))
-            tip = reshaped(ahead[4 * nv * nv + 9 :], (3, nv))
+            turn = reshaped(ahead[size * size : size * size + 9], (3, 3))
+            tip = reshaped(ahead[size * size + 9 :], (3, nd))
             place = self.robot.layout.v.position
             missed, by_q = errors["errors"][:3], errors["errors_by_q"][:3]
             away, slope = (
@@ -202,14 +207,14 @@ class Horizon:
         # Velocities are their own displacements.
         weights = node.weights
         curvature, pull = self._pulled(node, errors["errors_by_q"], errors["errors"])
-        upper = slope.transposed @ matrix[:nv]
-        by_q, across = upper.transposed[:nv].transposed @ slope + curvature, upper.transposed[nv:]
-        lower = matrix[nv:].transposed[nv:] + _identity(nv) * reshaped(
-            weights["velocities"], (nv, 1)
+        upper = slope.transposed @ matrix[:nd]
+        by_q, across = upper.transposed[:nd].transposed @ slope + curvature, upper.transposed[nd:]
+        lower = matrix[nd:].transposed[nd:] + _identity(size - nd) * reshaped(
+            weights["velocities"], (size - nd, 1)
         )
         hessian = join(beside(by_q, across.transposed), beside(across, lower))
         damped = weights["velocities"] * rates
-        gradient = join(slope.transposed @ pulled[:nv] + pull, pulled[nv:] + damped)
+        gradient = join(slope.transposed @ pulled[:nd] + pull, pulled[nd:] + damped)
         squares = self._squares(node, errors["errors"]) + dot(damped, rates)
         outputs = {
             "hessian": _of_each(hessian, node.x),
@@ -222,22 +227,23 @@ class Horizon:
     @property
     def ahead(self) -> int:
         """Number of entries that describe what follows the end."""
-        nv = self.robot.space.velocities
-        return 4 * nv * nv + (9 + 3 * nv if self.carries else 0)
+        nd = self.robot.space.displacements
+        return self.motion**2 + (9 + 3 * nd if self.carries else 0)
 
     def moved(self) -> Program:
         """The state `x_next` after a `displacement` of x."""
-        n, nv = self.robot.space.coordinates, self.robot.space.velocities
+        n, nd = self.robot.space.coordinates, self.robot.space.displacements
         x, step = variable("x", self.size), variable("displacement", self.states)
-        q = self.robot.integrate(coordinates_of(x[:n], self.robot.space), step[:nv])
-        outputs = {"x_next": join(q, x[n:] + step[nv:])}
+        q = self.robot.displaced(coordinates_of(x[:n], self.robot.space), step[:nd])
+        outputs = {"x_next": join(q, x[n:] + step[nd:])}
         return Program("horizon_moved", (x, step), outputs)
 
     def away(self) -> Program:
         """The displacement `away` from x to `x_next`."""
         n, space = self.robot.space.coordinates, self.robot.space
         x, other = variable("x", self.size), variable("x_next", self.size)
-        base = self.robot.away(coordinates_of(x[:n], space), coordinates_of(other[:n], space))
+        ends = (coordinates_of(state[:n], space) for state in (x, other))
+        base = self.robot.displacement(*ends)
         return Program("horizon_away", (x, other), {"away": join(base, other[n:] - x[n:])})
 
     # Parts of these.
@@ -373,13 +379,13 @@ class Horizon:
                 entries = led[-1][9 * place : 9 * place + 9]
                 wanted = [entries[3 * row : 3 * row + 3] for row in range(3)]
                 errors.append(rotation_error(actual, wanted))
-        away = self.robot.away(q_desired, q)
+        away = self.robot.displacement(q_desired, q)
         outputs = {"errors": join(*errors, away), "away": away}
         return Program("horizon_errors", (q, *led, q_desired), outputs)
 
     def _gap(self, node: NodeInputs, step: dict[str, Node]) -> Node:
         """Displacement (states) from the next node to where the step of a node ends."""
-        base = self.robot.away(node.after["q"], step["q_next"])
+        base = self.robot.displacement(node.after["q"], step["q_next"])
         return join(base, *(step[f"{x}_next"] - node.after[x] for x in self._rest))
 
     def _slope(self, step: dict[str, Node], name: str) -> Node:
@@ -394,7 +400,7 @@ class Horizon:
         hessian, pull = self._pulled(node, step["errors_by_q"], errors)
         cost, efforts, rates, changed = self._cost(node, errors)
         if self.served:
-            by_q, by_v = np.split(self.pushing, 2, axis=1)
+            by_q, by_v = np.split(self.pushing, [self.robot.space.displacements], axis=1)
             stiff = reshaped(node.weights["inputs"], (len(by_q), 1)) * constant(by_q)
             hessian = hessian + constant(by_q.T) @ stiff
             pull, rates = pull - constant(by_q.T) @ efforts, rates - constant(by_v.T) @ efforts
@@ -408,7 +414,7 @@ class Horizon:
         }
 
     def _pulled(self, node: NodeInputs, by_q: Node, errors: Node) -> tuple[Node, Node]:
-        """Hessian and gradient (nv) of the squares of errors of coordinates."""
+        """Hessian and gradient (nd) of the squares of errors of coordinates."""
         weights = self._error_weights(node)
         weighted = reshaped(weights, (weights.size, 1)) * by_q
         return by_q.transposed @ weighted, weighted.transposed @ errors
@@ -426,7 +432,7 @@ class Horizon:
         u, weights = node.inputs[0], node.weights
         off, drift = u - node.reference["u"], node.v - node.reference["v"]
         if self.served:
-            away = errors[errors.size - self.robot.space.velocities :]
+            away = errors[errors.size - self.robot.space.displacements :]
             off = off - constant(self.pushing) @ join(away, drift)
         efforts, rates = weights["inputs"] * off, weights["velocities"] * drift
         cost, changed = self._squares(node, errors) + dot(efforts, off) + dot(rates, drift), None

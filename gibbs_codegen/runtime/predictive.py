@@ -264,7 +264,8 @@ class Transcription:
         sizes = {
             "INPUTS": robot.inputs,
             "STATES": horizon.states,
-            "VELOCITIES": robot.space.velocities,
+            "DISPLACEMENTS": robot.space.displacements,
+            "MOTION": horizon.motion,
             "SIZE": horizon.size,
             "SEEN": robot.space.coordinates + robot.space.velocities,
             "REFERENCE": horizon.reference_size,

@@ -5,13 +5,15 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.linalg import logm
-from support.emitted import compiled_module, emitted_module
+from scipy.linalg import expm, logm
+from scipy.optimize import least_squares
+from support.emitted import compiled_module, emitted_module, module_with_derivatives
+from support.random_robots import rolling_robot
 
 from gibbs_codegen import (
     Feedback,
@@ -28,8 +30,12 @@ from gibbs_codegen import (
     trim,
     write_log,
 )
+from gibbs_codegen.arrays import Functions, Program, evaluate, gradient, jacobian, join
+from gibbs_codegen.flight.control.predictive import Predictive, Tolerances
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.sweeps.sources import robot_data
+from gibbs_codegen.machine.steps import step_program
+from gibbs_codegen.robot.layout import frames_of
 
 EXACT = {"integration.relative_tolerance": 1e-12, "integration.absolute_tolerance": 1e-13}
 # As a cart of Fierro and Lewis (1995): its mass, its centre's place ahead, and what turns.
@@ -58,6 +64,13 @@ inertia = 0.1
 effort  = 60
 """
 TANGENT = {"kind": "tangent"}
+
+
+class Hover(NamedTuple):
+    """Coordinates and inputs at rest."""
+
+    q: np.ndarray
+    u: np.ndarray
 
 
 @cache
@@ -152,8 +165,6 @@ def test_ways_that_slip_are_refused() -> None:
     level = circle(1.5, 8.0) | {"attitude": {"kind": "level"}}
     with pytest.raises(UsageError, match=r"base.attitude: at t = .* slip sideways at 1\.178 m/s"):
         driven(cart(), 2.0, level)
-    with pytest.raises(UsageError, match="predictive needs derivatives of motions"):
-        driven(cart(), 2.0, circle(1.5, 8.0), control={"law": "predictive"})
     sensed = {"sensors": {"imu": [{"frame": "base"}]}, "control": {"estimate": True}}
     with pytest.raises(UsageError, match=r"control\.estimate: .* robots on wheels"):
         driven(cart(), 2.0, circle(1.5, 8.0), **sensed)
@@ -240,6 +251,130 @@ def test_displacements_have_what_is_sideways() -> None:
     )
     with pytest.raises(UsageError, match=r"control.gain: its shape must be \(2, 5\)"):
         rollout(cart(), q0, [0, 0], Feedback(np.zeros((2, 4)), q0, [0, 0]), 1, 0.01)
+
+
+def moved(q: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """Coordinates after a screw (x, y, yaw) in the axes of the base, and joints and wheels."""
+    x, y, turn = way[:3]
+    screw = expm(np.array([[0, -turn, x], [turn, 0, y], [0, 0, 0]]))
+    c, s = np.cos(q[2]), np.sin(q[2])
+    place = q[:2] + np.array([[c, -s], [s, c]]) @ screw[:2, 2]
+    return np.r_[place, q[2] + turn, q[3:] + np.r_[way[3:], np.zeros(len(q) - len(way))]]
+
+
+@pytest.mark.slow
+def test_steps_and_places_have_derivatives_sideways() -> None:
+    """By differences of what the module gives, displaced by the exponential of the plane."""
+    robot = rolling_robot(60)
+    module = module_with_derivatives(robot)
+    own = Functions(module)
+    step = step_program(own, "rk4")
+    (q, v, _, _), sides = step.inputs, own.space.displacements
+    poses = own.frame_poses(q)
+    wheels = [i for i, link in enumerate(robot.links, start=1) if link.rolling]
+    frames = [k for k, frame in enumerate(frames_of(robot)) if frame.on not in wheels]
+    outputs = {**step.outputs, "poses": join(*(poses[k] for k in frames))}
+    outputs["centre"] = own.centre_of_mass(q)
+    program = Program("all", step.inputs, outputs)
+    rng, small = np.random.default_rng(4), 1e-6
+    at = {x.operation.name: rng.normal(size=x.shape) for x in (q, v, program.inputs[2])}
+    at["h"] = 0.1
+
+    def away(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.r_[logarithm(a, b), (b - a)[3:sides]]
+
+    def differences(name: str) -> dict[str, np.ndarray]:
+        columns: dict[str, list[np.ndarray]] = {}
+        for way in small * np.eye(sides if name == "q" else at[name].size):
+            put = moved if name == "q" else np.add
+            ends = [
+                evaluate(program, at | {name: put(at[name], side * way)}, {"robot": module})
+                for side in (-1.0, 1.0)
+            ]
+            for x, (before, after) in ((x, [end[x] for end in ends]) for x in outputs):
+                change = away(before, after) if x == "q_next" else after - before
+                columns.setdefault(x, []).append(change / (2.0 * small))
+        return {x: np.stack(y, axis=-1) for x, y in columns.items()}
+
+    found = evaluate(jacobian(program, ("q", "v", "u")), at, {"robot": module})
+    for name in "qvu":
+        for x, expected in differences(name).items():
+            ours = found[f"{x}_by_{name}"]
+            np.testing.assert_allclose(ours, expected, atol=1e-8 * max(1.0, np.abs(ours).max()))
+    gradients = gradient(step, "q")
+    weights = {"q_next_bar": rng.normal(size=sides), "v_next_bar": rng.normal(size=v.size)}
+    (bar,) = evaluate(gradients, at | weights, {"robot": module}).values()
+    expected = sum(weights[f"{x}_bar"] @ found[f"{x}_by_q"] for x in ("q_next", "v_next"))
+    np.testing.assert_allclose(bar, expected, atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+    """The cart in C, with derivatives."""
+    folder = tmp_path_factory.mktemp("cart")
+    (folder / "cart.toml").write_text(CART)
+    return load(generate(folder / "cart.toml", folder, derivatives="all", verify=False), "c")
+
+
+@pytest.mark.slow
+def test_a_plan_is_the_best_of_an_optimiser_of_its_own(compiled: ModuleType) -> None:
+    """Of the cart in closed form, by SciPy, with displacements by the logarithm of the plane."""
+    tolerances = Tolerances(position=0.05, attitude=0.1, effort=20.0, velocity=0.8)
+    (nodes, h), rest = (5, 0.04), Hover(np.zeros(5), np.zeros(2))
+    settings: Any = {"iterations": 40, "farthest": 9.0, "method": "trapezoidal"}
+    law = Predictive(compiled, rest, nodes=nodes, step=h, tolerances=tolerances, **settings)
+    q, v = np.array([-0.1, 0.06, 0.3, 0.0, 0.0]), np.array([0.4, -0.2])
+    told = law._compiled.arrays
+    told["tolerance"][()] = 1e-11
+    law.inputs(0.0, q, v)
+    first = law.inputs(0.0, q, v)  # The first plan of all takes fewer rounds.
+    along = MASS + 2.0 * 0.1 / RADIUS**2
+    # Of a disc half its inertia is across its axis.
+    about = 15.625 + MASS * AHEAD**2 + 2.0 * (0.05 + 0.1 * WIDTH**2 / RADIUS**2)
+    posture = np.array([20.0, 20.0, 10.0])
+    rates, end = 1.0 / np.array([0.8, 1.0]), np.linalg.cholesky(told["ahead"].reshape(5, 5)).T
+
+    def missed(u: np.ndarray) -> np.ndarray:
+        place, speed, every = q, v, []
+        for torques in u.reshape(nodes, 2):
+            off = logarithm(np.zeros(3), place)
+            every += [posture * off, rates * speed, torques / 20.0]
+            force, moment = np.sum(torques), WIDTH * (torques[1] - torques[0])
+            a = np.array(
+                [
+                    (force / RADIUS + MASS * AHEAD * speed[1] ** 2) / along,
+                    (moment / RADIUS - MASS * AHEAD * speed[0] * speed[1]) / about,
+                ]
+            )
+            after = speed + h * a
+            ahead, turn = 0.5 * h * (speed + after)
+            place, speed = moved(place, np.array([ahead, 0.0, turn])), after
+        off = logarithm(np.zeros(3), place)
+        return np.concatenate([*every, posture * off, rates * speed, end @ np.r_[off, speed]])
+
+    best = least_squares(missed, np.zeros(2 * nodes), xtol=1e-14, ftol=1e-14, gtol=1e-12)
+    assert np.abs(best.x).max() < 59.0
+    np.testing.assert_allclose(told["cost"], best.cost, rtol=1e-6)
+    np.testing.assert_allclose(first, best.x[:2], atol=1e-4)
+
+
+@pytest.mark.slow
+def test_the_predictive_law_drives_to_a_pose_and_along_a_path(compiled: ModuleType) -> None:
+    """Half a metre to its side at rest, by going there and back; and onto a circle."""
+    tolerances = Tolerances(position=0.02, attitude=0.1, effort=5.0)
+    hover = Hover(np.zeros(5), np.zeros(2))
+    law = Predictive(compiled, hover, nodes=40, step=0.05, tolerances=tolerances, farthest=9.0)
+    q, v = np.array([0.0, 0.5, 0.0, 0.0, 0.0]), np.zeros(2)
+    for k in range(100):
+        u = law.inputs(0.05 * k, q, v)
+        for _ in range(5):
+            v = v + 0.01 * compiled.forward_dynamics(q, v, u)
+            q = compiled.integrate(q, 0.01 * v)
+    np.testing.assert_allclose(q[:3], 0.0, atol=0.02)
+    np.testing.assert_allclose(v, 0.0, atol=1e-2)
+    begin, control = {"offset": [-0.1, 0.1, 0]}, {"law": "predictive"}
+    flight = driven(compiled, 12.0, circle(1.5, 8.0), start=begin, control=control)
+    assert flight.centre_error[-1] < 0.02 * flight.centre_error[0]
 
 
 @pytest.mark.slow

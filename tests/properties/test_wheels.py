@@ -352,10 +352,22 @@ def test_linear_models_have_the_way_sideways() -> None:
     )
     np.testing.assert_allclose(a, expected, atol=1e-14)
     assert b.shape == (5, 0)
-    wind = {"velocity": [1, 0, 0], "drag": {"base": 0.3}}
-    windy = {"name": "windy", "duration": 1.0, "wind": wind}
-    with pytest.raises(UsageError, match="has a drive, and forces that depend on where it is"):
-        linearise(module, np.zeros(3), np.zeros(2), np.zeros(0), surroundings=windy)
+
+
+def test_linear_models_have_the_pull_of_walls_sideways() -> None:
+    """A wall that pushes its frame back by 200 N/m of depth, along the wall's normal."""
+    yaw, depth, stiffness, mass = 0.4, 0.03, 200.0, 2.0
+    normal = np.array([-0.8, 0.6, 0.0])
+    wall = {"name": "wall", "shape": "plane", "frames": ["base"], "ball_radius": 0, "damping": 0}
+    wall |= {"point": (depth * normal).tolist(), "normal": normal.tolist(), "stiffness": stiffness}
+    walled = {"name": "walled", "duration": 1.0, "wall": [wall]}
+    at = np.array([0.0, 0.0, yaw]), np.zeros(2), np.zeros(0)
+    a, _ = linearise(differentiable_sleigh(), *at, surroundings=walled)
+    ahead = normal @ [np.cos(yaw), np.sin(yaw), 0.0]
+    left = normal @ [-np.sin(yaw), np.cos(yaw), 0.0]
+    pull = stiffness / mass * np.array([-ahead * ahead, -left * ahead, depth * left])
+    np.testing.assert_allclose(a[3, :3], pull, atol=1e-12)
+    np.testing.assert_allclose(a[4, :3], 0.0, atol=1e-12)
 
 
 @pytest.mark.slow

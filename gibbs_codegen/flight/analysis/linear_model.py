@@ -233,8 +233,6 @@ def _model(
         carried[places.attitude, places.attitude] = -turning[np.ix_(about, about)]
     still = np.zeros((places.size, len(x) + len(u)))
     names = ["q", "v", *(["x"] if len(x) else []), "u"]
-    for name in derivatives.keys() & {"a_by_q", "rates_by_q"}:
-        derivatives[name] = derivatives[name] @ led.T
     rows = [[derivatives[f"{y}_by_{x}"] for x in names] for y in ("a", "rates") if y in derivatives]
     both = np.block([[carried, led, still], *rows])
     a, b = np.split(both, [len(both)], axis=1)
@@ -261,11 +259,6 @@ def _around(
     environment = surrounding(vehicle, surroundings)
     if environment is None:
         return NO_SURROUNDINGS, {}
-    if vehicle.layout.displaced.size > vehicle.layout.v.size:
-        raise UsageError(
-            f"surroundings: {vehicle.name} has a drive, and forces that depend on where it is have "
-            "no derivative sideways; leave surroundings out"
-        )
     if environment.idles(0.0):
         raise UsageError(
             "surroundings: a hold idles the motors at its start, and nothing regulates"

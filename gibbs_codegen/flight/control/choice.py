@@ -31,10 +31,7 @@ from gibbs_codegen.machine.laws import LAWS, turns_servos
 # Joints do not move a frame along a push by less than this share of how they move it.
 _NO_LEVER = 1e-3
 # Laws that no robot on wheels has, and what it lacks.
-_NOT_ROLLING = {
-    PREDICTIVE: "derivatives of motions",
-    **dict.fromkeys(("passive", "adaptive"), "functions of reference velocities"),
-}
+_NOT_ROLLING = dict.fromkeys(("passive", "adaptive"), "functions of reference velocities")
 # How much faster the base must lean than the position follows, which it moves.
 _FASTER = 4.0
 _WHERE = "(in the base's frame, about the base centre)"

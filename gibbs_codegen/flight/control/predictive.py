@@ -124,8 +124,9 @@ class Tolerances:
     - `position`, m, of the base, None if it is where points need it; `attitude`, rad; `joints`, rad
       or m, one or one a joint: off the posture
     - `velocity`, m/s, `angular_velocity`, rad/s, `joint_rates`, rad/s or m/s, one or one a joint
-    - `thrust`, N, and `effort`, N m or N, one or one a joint: off those of hover; `change`: share
-      of these by which inputs may change from step to step, None if changes are free
+    - `thrust`, N, and `effort`, N m or N, one or one a joint and then a wheel: off those of hover;
+      `change`: share of these by which inputs may change from step to step, None if changes are
+      free
     """
 
     point: float = 0.002
@@ -296,14 +297,14 @@ class Predictive:
         arrays["weights"][:] = np.concatenate([weights[name] for name in self.horizon.weight_sizes])
         # Beside those of coordinates: of inputs, velocities, thrusts and inputs before.
         changes, pushing = weights["changes"], self.horizon.pushing
-        across, nv = arrays["across"], robot.space.velocities
-        across[:, : 2 * nv] = -weights["inputs"][:, np.newaxis] * pushing
+        across, nd, motion = arrays["across"], robot.space.displacements, self.horizon.motion
+        across[:, :motion] = -weights["inputs"][:, np.newaxis] * pushing
         across[:, across.shape[1] - len(changes) :] = (
             -np.eye(*across[:, : len(changes)].shape) * changes
         )
         by_u = weights["inputs"] + (changes if len(changes) else 0.0)
-        by_v = weights["velocities"] + weights["inputs"] @ pushing[:, nv:]
-        nothing = np.zeros(nv), np.zeros(self.horizon.motors)
+        by_v = weights["velocities"] + weights["inputs"] @ pushing[:, nd:]
+        nothing = np.zeros(nd), np.zeros(self.horizon.motors)
         arrays["diagonal"][:] = np.r_[by_u, nothing[0], by_v, nothing[1], changes]
         arrays["barrier"][()], arrays["tolerance"][()] = _BARRIER, _TOLERANCE
         arrays["rounds"][()], arrays["delay"][()] = self.iterations, self.delay or 0.0
@@ -313,7 +314,7 @@ class Predictive:
         self._check_paths()
         # Costs after the horizon, by displacements and velocities in the base's frame.
         to_base = np.linalg.inv(self._in_base(self.hover.q))
-        costs = arrays["ahead"][: 4 * nv * nv].reshape(2 * nv, 2 * nv)
+        costs = arrays["ahead"][: motion**2].reshape(motion, motion)
         self._costs_in_base = to_base.T @ costs @ to_base
         self.log: list[Instant] = []
         self.reset()
@@ -519,12 +520,13 @@ class Predictive:
         ]
         if lacks := [name for name in needed if name not in has]:
             raise MissingFunctionError(self.module.NAME, lacks, options_with(lacks, has))
-        joints = len(self.module.INPUTS) - robot.rotors
         for name in _BY_JOINT:
-            if np.shape(getattr(self.tolerances, name)) not in ((), (joints,)):
+            count, wheels = self._count(name), robot.layout.q.wheels and name == "effort"
+            if np.shape(getattr(self.tolerances, name)) not in ((), (count,)):
                 raise UsageError(
-                    f"tolerances: {name} must be one number, or one for each of the {joints} "
-                    f"joints of {self.module.NAME}, not {np.size(getattr(self.tolerances, name))}"
+                    f"tolerances: {name} must be one number, or one for each of the {count} "
+                    f"{'joints, and then wheels,' if wheels else 'joints'} of {self.module.NAME}, "
+                    f"not {np.size(getattr(self.tolerances, name))}"
                 )
         wanted = {
             "step": (self.step, 0.0 < self.step < np.inf, "a finite time above 0, s"),
@@ -623,6 +625,7 @@ class Predictive:
         robot, limits = self.horizon.robot, self._limits
         nu, n, nv = robot.inputs, robot.space.coordinates, robot.space.velocities
         joint_places, rates = robot.layout.q.joints, robot.layout.v.joints
+        nd, moved = robot.space.displacements, robot.layout.displaced.joints
         joints = rates.stop - rates.start
         # Inputs of one value, as of joints that nothing drives, keep a trace of room.
         bounds = self._bounds + np.outer(
@@ -632,12 +635,13 @@ class Predictive:
         for k in range(joints):
             i, at = rates.start + k, joint_places.start + k
             excess = _EXCESS / self._by_joint("joints")[k]
-            limit_rows.append((LimitRow(nu + i, nu + at), *limits.joints[:, k], excess, 1.0))
+            row = LimitRow(nu + moved.start + k, nu + at)
+            limit_rows.append((row, *limits.joints[:, k], excess, 1.0))
             fastest, excess = limits.velocities[k], _EXCESS / self._by_joint("joint_rates")[k]
-            row = LimitRow(nu + nv + i, nu + n + i)
+            row = LimitRow(nu + nd + i, nu + n + i)
             limit_rows.append((row, -fastest, fastest, excess, 1.0))
         if self.rates is not None:
-            before = nu + n + nv + self.horizon.motors, nu + 2 * nv + self.horizon.motors
+            before = nu + n + nv + self.horizon.motors, nu + nd + nv + self.horizon.motors
             fastest = np.broadcast_to(np.asarray(self.rates, dtype=np.float64), (nu,))
             for i in range(nu):
                 row = LimitRow(i, i, before[1] + i, before[0] + i)
@@ -672,13 +676,14 @@ class Predictive:
             scale = np.abs(sent[0] - sent[1])
         # What has one value is no help beyond the horizon either.
         inputs = np.where(self._bounds[0] == self._bounds[1], _LITTLE, scale) ** -2.0
-        posture, rates = np.zeros(layout.size), np.zeros(layout.size)
-        posture[layout.attitude] = tolerances.attitude**-2
-        posture[layout.joints] = self._by_joint("joints") ** -2.0
+        displaced = self.horizon.robot.layout.displaced
+        posture, rates = np.zeros(displaced.size), np.zeros(layout.size)
+        posture[displaced.attitude] = tolerances.attitude**-2
+        posture[displaced.joints] = self._by_joint("joints") ** -2.0
         if tolerances.position is not None:
-            posture[layout.position] = tolerances.position**-2
+            posture[displaced.position] = tolerances.position**-2
         elif not self.points:
-            posture[layout.position] = tolerances.point**-2
+            posture[displaced.position] = tolerances.point**-2
         rates[layout.attitude] = tolerances.angular_velocity**-2
         rates[layout.position] = tolerances.velocity**-2
         rates[layout.joints] = self._by_joint("joint_rates") ** -2.0
@@ -695,10 +700,13 @@ class Predictive:
         }
 
     def _by_joint(self, name: str) -> Array:
-        """A tolerance of each joint (n)."""
-        return np.broadcast_to(
-            np.asarray(getattr(self.tolerances, name), np.float64), (self.vehicle.joints,)
-        )
+        """A tolerance of each joint (n), of effort of each wheel too."""
+        tolerance = np.asarray(getattr(self.tolerances, name), np.float64)
+        return np.broadcast_to(tolerance, (self._count(name),))
+
+    def _count(self, name: str) -> int:
+        """How many a tolerance is for: joints, and with efforts wheels."""
+        return self.vehicle.joints + (self.vehicle.layout.q.wheels if name == "effort" else 0)
 
     @property
     def _reach(self) -> float:
@@ -740,7 +748,9 @@ class Predictive:
             u = np.asarray(self.feedforward(times))
         elif self.horizon.pushing.any():  # The same torques: what servos are sent goes along.
             moved = np.concatenate([self.vehicle.difference(self.hover.q, q[:-1]), v], 1)
-            u = self._inputs + moved @ self.horizon.pushing.T
+            layout, pushing = self.vehicle.layout, self.horizon.pushing
+            places = [*layout.paired, *range(layout.displaced.size, self.horizon.motion)]
+            u = self._inputs + moved @ pushing[:, places].T
         else:
             u = np.tile(self._inputs, (count, 1))
         return np.concatenate([*(x[:-1] for x in (*led, q)), v, u], axis=1)
@@ -805,10 +815,10 @@ class Predictive:
         return q
 
     def _in_base(self, q: Array) -> Array:
-        """From displacements and velocities to those in the base's frame (2 nv, 2 nv)."""
+        """From displacements and velocities to those in the base's frame (nd + nv, nd + nv)."""
         base, nv = self.vehicle.layout.v.base, self.vehicle.layout.v.size
         if not self.vehicle.layout.moves_freely:  # What moves of it does so along axes of its own.
-            return np.eye(2 * nv)
+            return np.eye(self.horizon.motion)
         jacobian = self.vehicle.frame_jacobians(q)[self.vehicle.frames.index("base")]
         rotation = self.vehicle.base_rotation(q)
         turned = np.eye(nv)
@@ -831,12 +841,23 @@ class Predictive:
         return [turn.ravel(), jacobian.ravel()]
 
     def _ahead_costs(self, constants: Any, weights: Mapping[str, Array]) -> Array:
-        """Costs after the horizon, by the regulator about hover; see `Horizon.end`."""
+        """Costs after the horizon, by the regulator about hover; see `Horizon.end`.
+
+        At rest nothing leads a base with a drive sideways: it is the mean of both ways there.
+        """
+        layout, ways = self.vehicle.layout, [np.zeros(self.vehicle.layout.v.size)]
+        if layout.has_drive:
+            ways = [way * self.tolerances.velocity * np.eye(1, layout.v.size)[0] for way in (1, -1)]
+        costs = [self._regulated(constants, weights, v) for v in ways]
+        return np.concatenate([np.mean(costs, axis=0).ravel(), *self._carrying(self.hover.q)])
+
+    def _regulated(self, constants: Any, weights: Mapping[str, Array], v: Array) -> Array:
+        """The costs of a regulator about the coordinates of hover at velocities (nv)."""
         horizon, arrays = self.horizon, self._compiled.arrays
-        robot, nv = horizon.robot, horizon.robot.space.velocities
-        nu, hover = robot.inputs, self.hover
+        nu, hover, motion = horizon.robot.inputs, self.hover, horizon.motion
+        nd = horizon.robot.space.displacements
         before = self._inputs if horizon.changes else np.zeros(0)
-        x = np.concatenate([hover.q, np.zeros(nv), self._settled, before])
+        x = np.concatenate([hover.q, v, self._settled, before])
         program = horizon.node()
         arguments = {
             "u": self._inputs,
@@ -852,14 +873,14 @@ class Predictive:
         results = evaluate(program, arguments, {"robot": self.module}, {"robot": constants})
         slope = results["slope"]
         # Without lag and inputs before: these are forgotten soon.
-        a, b = slope[: 2 * nv, nu : nu + 2 * nv], slope[: 2 * nv, :nu]
+        a, b = slope[:motion, nu : nu + motion], slope[:motion, :nu]
         if horizon.motors:
-            by_motors = slope[: 2 * nv, nu + 2 * nv : nu + 2 * nv + horizon.motors]
+            by_motors = slope[:motion, nu + motion : nu + motion + horizon.motors]
             b = b + by_motors @ self._followed
-        states, inputs = np.zeros((2 * nv, 2 * nv)), np.diag(weights["inputs"])
-        states[:nv, :nv] = results["hessian"]
-        states[range(nv, 2 * nv), range(nv, 2 * nv)] = arrays["diagonal"][nu + nv : nu + 2 * nv]
-        across = arrays["across"][:, : 2 * nv]
+        states, inputs = np.zeros((motion, motion)), np.diag(weights["inputs"])
+        states[:nd, :nd] = results["hessian"]
+        states[range(nd, motion), range(nd, motion)] = arrays["diagonal"][nu + nd : nu + motion]
+        across = arrays["across"][:, :motion]
         after = np.zeros_like(states)
         for _ in range(_STEPS):
             cost = states + after
@@ -867,7 +888,7 @@ class Predictive:
             closed = a - b @ gain
             after = gain.T @ (inputs @ gain - across) - across.T @ gain + closed.T @ cost @ closed
         after -= horizon.pushing.T @ across  # What servos push costs at the end, too.
-        return np.concatenate([after.ravel(), *self._carrying(hover.q)])
+        return np.asarray(after, np.float64)
 
     def _hovering(self) -> Array:
         """The reference of hover."""
@@ -981,9 +1002,10 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
 
 def _served(vehicle: Vehicle) -> tuple[tuple[int, int], ...]:
     """Inputs that servos are sent, with the entry of (q, v) off which they push."""
-    first, nv = vehicle.layout.v.joints.start, vehicle.layout.v.size
+    displaced, rates = vehicle.layout.displaced, vehicle.layout.v.joints
+    first = [displaced.size + rates.start, displaced.joints.start]
     return tuple(
-        (vehicle.rotors + x, first + x + nv * (not holds(vehicle, x)))
+        (vehicle.rotors + x, first[holds(vehicle, x)] + x)
         for x in range(vehicle.joints)
         if has_servo(vehicle, x)
     )
