@@ -100,10 +100,10 @@ class StateFilter:
         """Numbers of errors of q, v, each load by its name, and biases by their sensors'."""
         robot = self.robot
         return {
-            "q": robot.space.velocities,
+            "q": robot.space.displacements,
             "v": robot.space.velocities,
             "wrench": 0 if self.wrench is None else 6,
-            "efforts": self.efforts * (robot.inputs - robot.rotors),
+            "efforts": self.efforts * len(robot.layout.v.joint_places),
             "payload": int(self.payload is not None),
             **{f"{name}_bias": len(sensor.biased) for name, sensor in self.sensors.items()},
         }
@@ -134,7 +134,7 @@ class StateFilter:
     def state(self) -> dict[str, Node]:
         """The state: q, v, loads and biases, as far as there are any."""
         q, v = self.robot.state()
-        sizes = {"loads": self.loaded - 2 * v.size, "biases": self.size - self.loaded}
+        sizes = {"loads": self.loaded - self.places["v"].stop, "biases": self.size - self.loaded}
         others = {name: nodes.variable(name, size) for name, size in sizes.items() if size}
         return {"q": q, "v": v} | others
 
@@ -161,7 +161,11 @@ class StateFilter:
         if self.leads:
             return SensedMotion(robot, q, v, v, nodes.zeros(robot.frames, 6), gravity)
         if "efforts" in self.places:
-            u = u + nodes.join(nodes.zeros(robot.rotors), self._part("efforts"))
+            u = u + nodes.join(
+                nodes.zeros(robot.rotors),
+                self._part("efforts"),
+                nodes.zeros(robot.layout.q.wheels),
+            )
         pushed = [] if self.wrench is None else [(self.wrench, self._part("wrench"))]
         wrenches = acting = surroundings.on_frames(pushed, robot.frames)
         if self.payload is not None:
@@ -255,20 +259,20 @@ class StateFilter:
         slope = nodes.beside(*(found[f"a_by_{name}"] for name in by))
         q, v, a, h = moving.q, moving.v, found["a"], nodes.variable("h", uniform=True)
         after = {"q_next": robot.integrate(q, h * (v + 0.5 * h * a)), "v_next": v + h * a}
-        n, loaded = v.size, self.loaded
+        count, loaded = self.places["v"].stop, self.loaded
 
         def ahead(errors: Node) -> Node:
-            """Errors of q and v (2 nv, k) after a step, of those of q, v and loads before."""
-            now = {q: errors[:n], v: errors[n : 2 * n], a: slope @ errors}
-            return nodes.join(*moved(after, now).values())
+            """Errors of q and v (nd + nv, k) after a step, of those of q, v and loads before."""
+            now = {x: errors[self.places[name]] for x, name in ((q, "q"), (v, "v"))}
+            return nodes.join(*moved(after, now | {a: slope @ errors}).values())
 
         covariance = nodes.variable("covariance", self.size, self.size)
         noise = nodes.variable("noise", self.size, uniform=True)
         rows = ahead(covariance[:loaded]).transposed
         corner = ahead(rows[:loaded])
         grown = 0.5 * (corner + corner.transposed)
-        if self.size > 2 * n:
-            side, still = rows[2 * n :], covariance[2 * n :].transposed[2 * n :]
+        if self.size > count:
+            side, still = rows[count:], covariance[count:].transposed[count:]
             grown = nodes.join(
                 nodes.join(grown, side).transposed, nodes.join(side.transposed, still).transposed
             )
@@ -299,9 +303,9 @@ class StateFilter:
         gain = nodes.choose(gate, nis, 1.0, 0.0) * solved[: self.size]
         move = gain @ nodes.choose(gate, nis, miss, 0.0)
         taken = gain @ (spread - 0.5 * (gain @ spread_y)).transposed
-        n = moving.v.size
-        outputs = {"q_next": self.robot.integrate(moving.q, move[:n])}
-        for part, first in (("v", n), ("loads", 2 * n), ("biases", self.loaded)):
+        outputs = {"q_next": self.robot.displaced(moving.q, move[self.places["q"]])}
+        rates = self.places["v"]
+        for part, first in (("v", rates.start), ("loads", rates.stop), ("biases", self.loaded)):
             if part in state:
                 outputs[f"{part}_next"] = state[part] + move[first : first + state[part].size]
         outputs |= {"covariance_next": covariance - (taken + taken.transposed), "nis": nis}
@@ -319,7 +323,8 @@ def filter_functions(robot: Functions, leads: str = "") -> list[CFunction]:
             f"--laws imu_filter: needs a base that moves freely, as that of {robot.name} does not; "
             "leave it out, or take state_filter"
         )
-    joints, moves = robot.inputs > robot.rotors, bool(robot.layout.v.base)
+    places = robot.layout.v
+    joints, moves = bool(places.joint_places), bool(places.base)
     kinds = [*(("imu", "pose", "gps") if moves else ()), *(("encoders",) if joints else ())]
     biased = {"imu": tuple(range(6))}
     sensors = {kind: FilteredSensor(SensorAt(kind, 0, ()), biased.get(kind, ())) for kind in kinds}

@@ -34,6 +34,8 @@ from gibbs_codegen.arrays import Functions, Program, evaluate, gradient, jacobia
 from gibbs_codegen.flight.control.predictive import Predictive, Tolerances
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.sweeps.sources import robot_data
+from gibbs_codegen.machine.filters import FilteredSensor, StateFilter
+from gibbs_codegen.machine.sensors import SensorAt
 from gibbs_codegen.machine.steps import step_program
 from gibbs_codegen.robot.layout import frames_of
 
@@ -165,9 +167,6 @@ def test_ways_that_slip_are_refused() -> None:
     level = circle(1.5, 8.0) | {"attitude": {"kind": "level"}}
     with pytest.raises(UsageError, match=r"base.attitude: at t = .* slip sideways at 1\.178 m/s"):
         driven(cart(), 2.0, level)
-    sensed = {"sensors": {"imu": [{"frame": "base"}]}, "control": {"estimate": True}}
-    with pytest.raises(UsageError, match=r"control\.estimate: .* robots on wheels"):
-        driven(cart(), 2.0, circle(1.5, 8.0), **sensed)
     turned = {"attitude": {"kind": "turn", "axis": [0, 0, 1], "angle_deg": 90, "duration": 1}}
     flight = driven(cart(), 1.0, turned)
     np.testing.assert_allclose(flight.q[-1, :3], [0, 0, np.pi / 2], atol=1e-9)
@@ -375,6 +374,52 @@ def test_the_predictive_law_drives_to_a_pose_and_along_a_path(compiled: ModuleTy
     begin, control = {"offset": [-0.1, 0.1, 0]}, {"law": "predictive"}
     flight = driven(compiled, 12.0, circle(1.5, 8.0), start=begin, control=control)
     assert flight.centre_error[-1] < 0.02 * flight.centre_error[0]
+
+
+@pytest.mark.slow
+def test_a_filter_tells_places_by_directions_sideways_too(compiled: ModuleType) -> None:
+    """Against a filter whose slopes are differences by the logarithm of the plane."""
+    made = StateFilter(Functions(compiled), {"gps": FilteredSensor(SensorAt("gps", 0, ()))})
+    programs, rng, h, small = made.programs(), np.random.default_rng(2), 0.02, 1e-6
+    noise, variances = np.array([0, 0, 0, 0.3, 0.2]), np.full(6, 0.01)
+    x, spread = np.array([0.3, -0.2, 0.8, 0.5, -0.7]), np.diag([1.0, 2.0, 0.3, 0.4, 0.5])
+    known = {"q": np.r_[x[:3], 0.0, 0.0], "v": x[3:], "covariance": spread}
+
+    def put(x: np.ndarray, way: np.ndarray) -> np.ndarray:
+        return np.r_[moved(x[:3], way[:3]), x[3:] + way[3:]]
+
+    def away(x: np.ndarray, other: np.ndarray) -> np.ndarray:
+        return np.r_[logarithm(x[:3], other[:3]), other[3:] - x[3:]]
+
+    def ahead(x: np.ndarray) -> np.ndarray:
+        a = compiled.forward_dynamics(np.r_[x[:3], 0.0, 0.0], x[3:], u)
+        way = h * (x[3:] + 0.5 * h * a)
+        return put(x, np.r_[way[0], 0.0, way[1], h * a])
+
+    def seen(x: np.ndarray) -> np.ndarray:
+        return np.r_[x[:2], 0.0, x[3] * np.cos(x[2]), x[3] * np.sin(x[2]), 0.0]
+
+    for _ in range(5):
+        u, reading = rng.normal(size=2), rng.normal(size=6)
+        ends = [[put(x, side * way) for side in (-1.0, 1.0)] for way in small * np.eye(5)]
+        slope = np.array([away(ahead(a), ahead(b)) for a, b in ends]).T / (2.0 * small)
+        x, spread = ahead(x), slope @ spread @ slope.T + h * np.diag(noise)
+        ends = [[put(x, side * way) for side in (-1.0, 1.0)] for way in small * np.eye(5)]
+        slope = np.array([seen(b) - seen(a) for a, b in ends]).T / (2.0 * small)
+        gain = spread @ slope.T @ np.linalg.inv(slope @ spread @ slope.T + np.diag(variances))
+        x, spread = put(x, gain @ (reading - seen(x))), spread - gain @ slope @ spread
+        given = {"u": u, "h": h, "noise": noise, "gravity": np.zeros(3), "gate": np.inf}
+        given |= {"reading": reading, "variances": variances}
+        for program in (programs["filter_predict"], programs["filter_update_gps"]):
+            inputs = {key: value for key, value in (known | given).items() if key in program.names}
+            found = evaluate(program, inputs, {"robot": compiled})
+            known |= {key.removesuffix("_next"): y for key, y in found.items() if key != "nis"}
+        np.testing.assert_allclose(np.r_[known["q"][:3], known["v"]], x, atol=1e-8)
+        np.testing.assert_allclose(known["covariance"], spread, atol=1e-8)
+    sensed = {"sensors": {"imu": [{"frame": "base"}], "pose": [{"frame": "base"}]}}
+    estimated = {"control": {"estimate": True}, "start": {"offset": [0.1, 0.1, 0]}}
+    flight = driven(compiled, 4.0, circle(1.5, 8.0), **sensed, **estimated)
+    assert flight.centre_error[-1] < 0.2 * flight.centre_error[0]
 
 
 @pytest.mark.slow

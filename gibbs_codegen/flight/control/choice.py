@@ -180,11 +180,6 @@ def check_control(law: Law | None, control: Control, vehicle: RobotData) -> None
             if frame:
                 checks.append(partial(vehicle.frame_place, frame, f"control.filter.{key}"))
     check_all(checks)
-    if control.estimate and _rolls(vehicle):
-        raise UsageError(
-            "control.estimate: filters need derivatives of motions, which robots on wheels do not "
-            f"have, as {vehicle.name}; leave it out"
-        )
     for name in control.joints if law is not None and not turns_servos(law) else ():
         if holds(vehicle, joint_place(vehicle, name)):
             raise UsageError(

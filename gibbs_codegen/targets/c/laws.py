@@ -59,11 +59,6 @@ def law_files(model: Model, header: Lines) -> dict[str, str]:
         tip = frames.index("tip") if "tip" in frames else 0
         moves = bool(carried_rotors(robot)) or not functions.layout.carries_wrenches
         made += law_functions(functions, laws, centre, tip, moves)
-    if "state_filter" in model.laws and (robot.wheels or robot.base.drive):
-        raise UsageError(
-            "--laws state_filter: needs derivatives of motions, which robots on wheels lack, "
-            f"as {robot.name}; leave it out"
-        )
     for name in (name for name in model.laws if name in TELLING):
         made += TELLING[name][1](functions)
     programs = (function.program for function in made)
