@@ -13,6 +13,7 @@ from gibbs_codegen.arrays import nodes
 from gibbs_codegen.arrays.labels import label
 from gibbs_codegen.arrays.nodes import Label, Node, Program
 from gibbs_codegen.arrays.slopes import (
+    by_side,
     by_velocities,
     call_slopes,
     coordinates_slope,
@@ -148,11 +149,11 @@ def _terms(x: Node, inner: dict[int, Node]) -> list[Node]:
             ]
         case nodes.Call() as call:
             if columns == 1 and (name := direct(call)):
-                return [_product_with(call, name, x, inner)]
-            if columns == 1 and _poses_move(call):
-                return [_poses_along(call, x, inner[0])]
+                return [_product_with(call, name, x, inner), *_sideways(call, x, inner)]
+            if columns == 1 and call.name == "frame_poses" and not _has_derivative(call):
+                return [_poses_along(call, x, inner[0]), *_sideways(call, x, inner)]
             call_slope = call_slopes(call, x, [*inner])
-            if call.name == "integrate" and not x.space.has_drive:
+            if call.name == "integrate" and not call.functions.space.has_drive:
                 return [_moved(call_slope, inner)]
             return [_through(call_slope[place], d) for place, d in inner.items()]
         case nodes.Invocation(program, output):
@@ -209,16 +210,22 @@ def _product_with(call: nodes.Call, name: str, x: Node, inner: dict[int, Node]) 
     return nodes.reshaped(product, (*x.tangent, 1))
 
 
-def _poses_move(call: nodes.Call) -> bool:
-    """True for poses without derivatives by matrices, if velocities have all their directions."""
-    has, space = call.functions.signatures, call.functions.space
-    lacking = derivative(call.name, "jacobian") not in has
-    return call.name == "frame_poses" and lacking and not space.has_drive
+def _sideways(call: nodes.Call, x: Node, inner: dict[int, Node]) -> list[Node]:
+    """The derivative of a call along the part of one direction that no velocity of a drive has."""
+    if not call.functions.space.has_drive:
+        return []
+    moved = (place for place in inner if x.arguments[place].space)
+    return [by_side(call, x, place) @ inner[place][1:2] for place in moved]
+
+
+def _has_derivative(call: nodes.Call) -> bool:
+    """True if the module has the derivatives of a function by matrices."""
+    return derivative(call.name, "jacobian") in call.functions.signatures
 
 
 def _poses_along(call: nodes.Call, x: Node, direction: Node) -> Node:
     """Poses move along a direction as they would at that velocity: twists take few operations."""
-    move = nodes.reshaped(direction, (direction.shape[0],))
+    move = narrowed(nodes.reshaped(direction, (direction.shape[0],)), x.arguments[0])
     (twists,) = call.functions.outputs("frame_velocities", *x.arguments, move)
     matrices = []
     for k in range(x.shape[0]):

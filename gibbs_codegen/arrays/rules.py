@@ -29,8 +29,8 @@ def by_arguments(robot: Functions, name: str, by: tuple[str, ...]) -> Program:
     of `gradients_by_arguments`.
     """
     inputs, arguments = _arguments(robot, name)
-    if robot.layout.q.wheels and any(y.is_coordinates for y in FUNCTIONS[name].outputs):
-        raise UsageError(f"no function of a module gives how {name} moves angles of wheels")
+    if robot.layout.q.wheels and any(ARGUMENTS[x].is_coordinates for x in by):
+        raise UsageError(f"no function of a module gives derivatives of {name} by angles of wheels")
     outputs = dict(zip(_names(name), map(entries_of, robot.outputs(name, *arguments)), strict=True))
     values = {y.name: outputs[y.name] for y in FUNCTIONS[name].outputs if not y.by}
     program = Program(name, inputs, values or outputs)

@@ -86,7 +86,7 @@ def call_slopes(call: Call, x: Node, places: Sequence[int]) -> dict[int, Node]:
     if x.space:
         return {place: _driven(x, place, slope) for place, slope in slopes.items()}
     return {
-        place: _with_side(slope, _by_side(call, x, place)) if x.arguments[place].space else slope
+        place: _with_side(slope, by_side(call, x, place)) if x.arguments[place].space else slope
         for place, slope in slopes.items()
     }
 
@@ -105,7 +105,7 @@ def widened(bar: Node, x: Node) -> Node:
 
 
 def narrowed(move: Node, x: Node) -> Node:
-    """A displacement of an argument along velocities: sideways no function here depends on it."""
+    """What of a displacement of an argument is along velocities."""
     return move if move.shape == by_velocities(x) else join(move[:1], move[2:])
 
 
@@ -116,7 +116,7 @@ def _with_side(slope: Node, side: Node) -> Node:
     return transposed(join(columns[:1], side, columns[1:]), (*range(1, last + 1), 0))
 
 
-def _by_side(call: Call, x: Node, place: int) -> Node:
+def by_side(call: Call, x: Node, place: int) -> Node:
     """The derivative (…, 1) of a call as a base with a drive is displaced to its left."""
     row = FUNCTIONS[call.name]
     name, space = row.derivative_of or row.name, call.functions.space
@@ -161,6 +161,8 @@ def _slopes_by_velocities(call: Call, x: Node, places: Sequence[int]) -> dict[in
     """
     row = FUNCTIONS[call.name]
     value = row.outputs[call.output]
+    if row.name == "coordinate_rates" and call.functions.space.travels:
+        return _rates_slopes(call, x)
     if row.kind == "vjp" and derivative(row.derivative_of, "hessian"):
         return _second_slopes(call, x, places)
     if row.kind == "jacobian" and not value.by:
@@ -190,6 +192,18 @@ def _slopes_by_velocities(call: Call, x: Node, places: Sequence[int]) -> dict[in
         )
         for place in places
     }
+
+
+def _rates_slopes(call: Call, x: Node) -> dict[int, Node]:
+    """Derivatives of the rates of a level base, of joints and of wheels: linear in velocities."""
+    q, v = x.arguments
+    units = map(constant, np.eye(v.size))
+    columns = [
+        reshaped(call.functions.outputs(call.name, q, unit)[0], (1, x.size)) for unit in units
+    ]
+    turned = np.zeros((v.size, x.size, x.size))
+    turned[call.functions.layout.v.attitude.start, [0, 1], [1, 0]] = -1.0, 1.0
+    return {0: (constant(turned) @ x).transposed, 1: join(*columns).transposed}
 
 
 def direct(call: Call) -> str:
@@ -280,19 +294,19 @@ def entries_slope(entries: Node, space: Space) -> Node | None:
     """Derivative of the entries of coordinates by displacements; None where they are the same."""
     if space.travels:
         shape = space.coordinates, space.displacements
-        return _level(entries[space.travels], *shape, side=1.0)
+        return _level(entries[space.travels], *shape, 1.0)
     if not space.has_quaternion:
         return None
     rotation, rates = _attitude(entries[3:7])
     return _diagonal(rotation, 0.5 * rates, space.velocities - 6)
 
 
-def _level(yaw: Node, *shape: int, side: float) -> Node:
+def _level(yaw: Node, rows: int, columns: int, side: float) -> Node:
     """Rotation of the position of a level base by its yaw, back if `side` is -1."""
-    rest = np.eye(*shape)
+    rest = np.eye(rows, columns)
     rest[:2, :2], turned = 0.0, np.zeros_like(rest)
     turned[:2, :2] = ((0.0, -side), (side, 0.0))
-    plane = np.eye(*shape) - rest
+    plane = np.eye(rows, columns) - rest
     return cosine(yaw) * constant(plane) + sine(yaw) * constant(turned) + constant(rest)
 
 
@@ -300,7 +314,7 @@ def coordinates_slope(entries: Node, space: Space) -> Node | None:
     """Derivative of displacements by the entries of coordinates, which keep the unit length."""
     if space.travels:
         shape = space.displacements, space.coordinates
-        return _level(entries[space.travels], *shape, side=-1.0)
+        return _level(entries[space.travels], *shape, -1.0)
     if not space.has_quaternion:
         return None
     rotation, rates = _attitude(entries[3:7])

@@ -56,7 +56,8 @@ class System:
 
     `spins` are rotor and frame of each that spins, `momenta` (g, 4) its axis in the frame and its
     angular momentum by the square root of the thrust. `acting` are some of `ACTING`: a wall is a
-    plane, of which each frame has one, as it may have a payload.
+    plane, of which each frame has one, as it may have a payload. The last bodies are `wheels`, whose
+    axes turn by angles that have no derivatives: no outputs tell their loads.
     """
 
     robot: Functions
@@ -64,6 +65,7 @@ class System:
     spins: tuple[tuple[int, int], ...] = ()
     momenta: tuple[tuple[float, ...], ...] = ()
     acting: tuple[str, ...] = ()
+    wheels: int = 0
 
     @property
     def size(self) -> int:
@@ -109,7 +111,7 @@ class System:
         of_frames = {name: (self.robot.frames, *shape) for name, shape in shapes.items()}
         signature = self.robot.signatures.get("joint_wrenches_with_wrenches")
         # Those with constraints would need their forces as wrenches on frames.
-        bodies = signature.shapes[0][0] if signature and not self._holds else 0
+        bodies = signature.shapes[0][0] - self.wheels if signature and not self._holds else 0
         return {**of_frames, **dict.fromkeys(("loads", "load_torques"), (bodies, 3))}
 
     def programs(self) -> dict[str, Program]:

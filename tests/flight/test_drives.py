@@ -229,6 +229,12 @@ def test_a_rover_holds_a_place_while_it_drives(tmp_path: Path) -> None:
     assert np.all(np.abs(flight.applied) < flight.input_limits[1])
 
 
+def test_fmus_tell_what_has_no_derivatives(tmp_path: Path) -> None:
+    (tmp_path / "cart.toml").write_text(f'{CART}[[frame]]\nname = "rim"\non = "left"\n')
+    with pytest.raises(UsageError, match="--target fmu: frame rim of cart turns with a wheel"):
+        generate(tmp_path / "cart.toml", tmp_path, ["numpy", "fmu"], verify=False)
+
+
 def logarithm(q0: np.ndarray, q: np.ndarray) -> np.ndarray:
     """The screw (x, y, yaw) from a place in the plane to another, in the axes of the first."""
     poses = [

@@ -20,7 +20,7 @@ from support import actuated, blown
 from support.kept import made_once
 from support.tools import compiled, tool
 
-from gibbs_codegen import Simulation, generate, load, read_scenario, simulate
+from gibbs_codegen import Observation, Simulation, generate, load, read_scenario, simulate
 from gibbs_codegen.arrays import Functions, evaluate, jacobian
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.machine.first_order import System
@@ -187,27 +187,22 @@ def law(robot: ModuleType, q: Array, v: Array, wanted: Sequence[Array]) -> Array
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("version", "kind", "duration"),
-    [
-        pytest.param(3, "modelExchange", 0.2, marks=pytest.mark.slow),
-        (2, "coSimulation", 0.2),
-    ],
-)
-def test_circle_is_that_of_simulate(
-    made: Make, opened: Callable[..., Unit], version: int, kind: str, duration: float
+@pytest.mark.parametrize("name", ["hexarotor_3link", "rover_arm"])
+@pytest.mark.parametrize(("version", "kind"), [(3, "modelExchange"), (2, "coSimulation")])
+def test_motions_are_those_of_simulate(
+    made: Make, opened: Callable[..., Unit], name: str, version: int, kind: str
 ) -> None:
     """The law closes the loop in both: by itself a flight is unstable, and rounding grows."""
-    robot, folder = made("hexarotor_3link")
+    (robot, folder), duration = made(name), 0.2
     integration = {"method": "rk4", "step": STEP, "rate": 1.0 / STEP}
     keys = {"duration": duration, "control.rate": 1.0 / STEP, "integration": integration}
-    flight = simulate(
-        robot,
-        read_scenario("circle", keys),
-        controller=lambda seen: law(
-            robot, seen.q, seen.v, (seen.q_desired, seen.v_desired, seen.a_desired)
-        ),
-    )
+    drives = name == "rover_arm"
+
+    def own(seen: Observation) -> Array:
+        return law(robot, seen.q, seen.v, (seen.q_desired, seen.v_desired, seen.a_desired))
+
+    scenario = read_scenario("drive" if drives else "circle", keys)
+    flight = simulate(robot, scenario, controller=None if drives else own)
     unit, n = opened(folder, version, kind), len(robot.COORDINATES)
     x = np.concatenate([flight.q[0], flight.v[0]])
     unit.set("q.", x[:n])
@@ -219,7 +214,9 @@ def test_circle_is_that_of_simulate(
     worst = 0.0
     for k, time in enumerate(flight.time[:-1]):
         wanted = flight.q_desired[k], flight.v_desired[k], flight.a_desired[k]
-        unit.set("command.", law(robot, x[:n], x[n:], wanted))
+        # A drive is stable: what the law of the scenario made is replayed.
+        u = flight.applied[k] if drives else law(robot, x[:n], x[n:], wanted)
+        unit.set("command.", u)
         if kind == "coSimulation":
             unit.advance(time, STEP)
             x = unit.get("q.", "v.")
@@ -334,7 +331,7 @@ def scattered(unit: Unit, seed: int = 0, drag: bool = False) -> np.random.Genera
         "quadrotor",
         *(
             pytest.param(n, marks=pytest.mark.slow)
-            for n in ("hexarotor_3link", "actuated", "blown", "perched")
+            for n in ("hexarotor_3link", "actuated", "blown", "perched", "rover_arm")
         ),
     ],
 )

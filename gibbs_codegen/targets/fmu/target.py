@@ -89,10 +89,16 @@ def archives(model: Model, header: Lines, acting: tuple[str, ...] = ()) -> dict[
     `acting` are some of `ACTING`. Raises `UsageError` for constraints that there are not.
     """
     name = model.robot.name
-    if model.robot.wheels or model.robot.base.drive:
+    of_wheels = [frame.name for frame in model.robot.frames if frame.on in model.robot.wheels]
+    if of_wheels:
         raise UsageError(
-            f"--target fmu: {name} is on wheels, and FMUs have derivatives by all coordinates, "
-            "which such robots lack; leave fmu out"
+            f"--target fmu: frame {of_wheels[0]} of {name} turns with a wheel, by whose angle FMUs "
+            "have no derivatives; leave out fmu, or the frame"
+        )
+    if "constraints" in acting and model.robot.base.drive:
+        raise UsageError(
+            f"--target fmu:constraints: {name} has a drive, with which constraints have no "
+            "derivatives; leave constraints out"
         )
     if "constraints" in acting and not model.lists.get("CONSTRAINTS"):
         raise UsageError(
@@ -102,7 +108,9 @@ def archives(model: Model, header: Lines, acting: tuple[str, ...] = ()) -> dict[
     times = {} if model.robot.has_actuators else model.description.constants["TIME_CONSTANTS"]
     places = {entry.name: place for place, entry in enumerate(model.description.inputs)}
     lags = {places[k]: time for k, time in times.items()}
-    system = System(Functions(model.listing), lags, *_spins(model.robot, model.description), acting)
+    spins = _spins(model.robot, model.description)
+    wheels = sum(link.rolling is not None for link in model.robot.links)
+    system = System(Functions(model.listing), lags, *spins, acting, wheels)
     module = c_target.module_text(model, CPrinter(), header, blocks=False)
     module |= {"patterns": [], "sparse": []}
     programs = [CFunction(program, words) for words, program in system.programs().items()]
@@ -167,7 +175,8 @@ def _spins(
 
 def _reduced(model: Model, acting: tuple[str, ...]) -> Model:
     """A model with the functions that an FMU calls."""
-    chosen = {*chosen_functions(called(acting))}
+    rolling = ("coordinate_rates",) * bool(model.robot.wheels)
+    chosen = {*chosen_functions((*called(acting), *rolling))}
     pairs = [(function, s.name) for function, s in model.derived if s.name in chosen]
     functions, names = zip(*pairs, strict=True)
     program = replace(model.program, functions=functions)

@@ -112,7 +112,7 @@ def variables_of(model: Model, system: System) -> list[Variable]:
     shapes = system.outputs.values()
     for (name, (unit, words)), shape in zip(_OUTPUTS.items(), shapes, strict=True):
         rows = model.description.bodies if name.startswith("loads") else model.description.frames
-        axes = (rows, *[AXES] * (len(shape) - 1))
+        axes = (rows[: shape[0]], *[AXES] * (len(shape) - 1))
         if shape[0]:
             variables.append(Variable(name, "output", place, unit, words, axes))
             place += variables[-1].size
@@ -134,7 +134,9 @@ def _inputs(model: Model, system: System) -> Iterator[Variable]:
     description = model.description
     commands, rotors = description.commands or description.inputs, model.robot.rotors
     start = _actuators_at_rest(model)
-    for name, part in (("rotors", commands[:rotors]), ("joints", commands[rotors:])):
+    rolling = len(commands) - len(model.robot.wheels)
+    parts = commands[:rotors], commands[rotors:rolling], commands[rolling:]
+    for name, part in zip(("rotors", "joints", "wheels"), parts, strict=True):
         values = [start.get(coordinate.name, 0.0) for coordinate in part]
         yield from _parted(f"command.{name}", "input", part, values)
     rows = {"wind": AXES, "active": model.lists.get("CONSTRAINTS", ())}
@@ -163,11 +165,10 @@ def _states(model: Model, system: System) -> Iterator[Variable]:
         ("q", layout.q, description.coordinates, start),
         ("v", layout.v, description.velocities, (0.0,) * layout.v.size),
     ):
-        for name in sorted(
-            ("attitude", "joints", "position"), key=lambda x: getattr(places, x).start
-        ):
-            part = getattr(places, name)
-            yield from _parted(f"{letter}.{name}", "state", listed[part], values[part])
+        names = ("attitude", "joints", "position", "angles")
+        for name in sorted(names, key=lambda x: getattr(places, x).start):
+            part, title = getattr(places, name), "wheels" if name == "angles" else name
+            yield from _parted(f"{letter}.{title}", "state", listed[part], values[part])
     lagging = tuple(
         replace(entry, meaning=f"{entry.meaning} that acts")
         for entry in (description.inputs[rotor] for rotor in system.lags)
