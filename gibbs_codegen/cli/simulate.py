@@ -179,11 +179,11 @@ def _battery(flight: Flight) -> str:
 
 def estimation(flight: Flight) -> str:
     """How far estimates were off, and whether a filter knew so; "" of a flight without them."""
-    off, spread = flight.estimate_errors, flight.estimate_deviations[:, : 2 * flight.layout.v.size]
+    off, layout = flight.estimate_errors, flight.layout
     if not off.size:
         return ""
-    rates = flight.layout.v.units
-    units = np.array([*(unit.removesuffix("/s") for unit in rates), *rates])
+    spread = flight.estimate_deviations[:, : off.shape[1]]
+    units = np.array([*(unit for _, unit in layout.displacements), *layout.v.units])
     sizes = [f"{np.sqrt(np.mean(off[:, units == x] ** 2)):.2g} {x}" for x in dict.fromkeys(units)]
     inside = np.mean(np.abs(off) <= 2.0 * spread)
     pairs = zip(flight.innovation_names, flight.innovations.T, strict=True)

@@ -56,8 +56,8 @@ class System:
 
     `spins` are rotor and frame of each that spins, `momenta` (g, 4) its axis in the frame and its
     angular momentum by the square root of the thrust. `acting` are some of `ACTING`: a wall is a
-    plane, of which each frame has one, as it may have a payload. The last bodies are `wheels`, whose
-    axes turn by angles that have no derivatives: no outputs tell their loads.
+    plane, of which each frame has one, as it may have a payload. The last bodies are `wheels`: axes
+    of these turn by angles that have no derivatives, so that no outputs tell their loads.
     """
 
     robot: Functions

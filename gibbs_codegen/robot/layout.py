@@ -276,6 +276,13 @@ class Layout:
         return self.v if self.moves_freely else replace(self.q, wheels=0)
 
     @property
+    def displacements(self) -> list[tuple[str, str]]:
+        """Names of the directions in which it may be displaced, as velocities', and units."""
+        pairs = zip(self.v.names, (unit.removesuffix("/s") for unit in self.v.units), strict=True)
+        every = [*pairs]
+        return [*every[:_SIDEWAYS], ("vy", "m"), *every[_SIDEWAYS:]] if self.has_drive else every
+
+    @property
     def paired(self) -> list[int]:
         """For each entry of v its place among displacements."""
         every = range(self.displaced.size)

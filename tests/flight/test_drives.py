@@ -32,6 +32,7 @@ from gibbs_codegen import (
 )
 from gibbs_codegen.arrays import Functions, Program, evaluate, gradient, jacobian, join
 from gibbs_codegen.flight.control.predictive import Predictive, Tolerances
+from gibbs_codegen.flight.figures.flight import estimates
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.sweeps.sources import robot_data
 from gibbs_codegen.machine.filters import FilteredSensor, StateFilter
@@ -66,6 +67,7 @@ inertia = 0.1
 effort  = 60
 """
 TANGENT = {"kind": "tangent"}
+DIRECTIONS = ("vx", "vy", "wz")
 
 
 class Hover(NamedTuple):
@@ -426,6 +428,14 @@ def test_a_filter_tells_places_by_directions_sideways_too(compiled: ModuleType) 
     estimated = {"control": {"estimate": True}, "start": {"offset": [0.1, 0.1, 0]}}
     flight = driven(compiled, 4.0, circle(1.5, 8.0), **sensed, **estimated)
     assert flight.centre_error[-1] < 0.2 * flight.centre_error[0]
+    names = [name for name, *_ in flight.columns() if name.startswith("displacement_")]
+    assert [x.removeprefix("displacement_") for x in names[:3]] == [
+        f"{x}_error" for x in DIRECTIONS
+    ]
+    off = flight.estimate_errors[-1, :3]
+    told = logarithm(flight.estimates[-1], flight.q[-1])
+    np.testing.assert_allclose(off, told, atol=1e-12)
+    assert sum(bool(axes.get_ylabel()) for axes in estimates(flight).axes) == 5
 
 
 @pytest.mark.slow

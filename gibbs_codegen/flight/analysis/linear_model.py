@@ -171,17 +171,7 @@ def displacement(robot: ModuleType | str | os.PathLike[str], q0: ArrayLike, q: A
         UsageError: An argument is not what it must be.
     """
     vehicle = vehicle_of(robot)
-    ends = {"q": coordinates(vehicle, q0), "other": coordinates(vehicle, q)}
-    return np.asarray(_displacement(vehicle.module)(ends)["displacement"])
-
-
-@lru_cache(maxsize=64)
-def _displacement(module: ModuleType) -> Evaluator:
-    """Evaluation of the displacement from coordinates `q` to `other`."""
-    robot = Functions(module)
-    q, other = robot.coordinates(), robot.coordinates("other")
-    outputs = {"displacement": robot.displacement(q, other)}
-    return Evaluator(Program("displacement", (q, other), outputs), {"robot": module})
+    return vehicle.displacement(coordinates(vehicle, q0), coordinates(vehicle, q))
 
 
 def _period(dt: float | None) -> float | None:

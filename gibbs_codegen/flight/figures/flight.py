@@ -139,17 +139,19 @@ def contacts(flight: Flight, width: float = COLUMN) -> Figure:
 
 def estimates(flight: Flight) -> Figure:
     """Draw errors of estimated coordinates and velocities, rad, m and per s, and two deviations."""
-    layout = flight.layout.v
+    layout = flight.layout
+    pairs = [*layout.displacements, *zip(layout.v.names, layout.v.units, strict=True)]
     with style():
-        figure = new_figure(FULL, 0.4 + 1.1 * layout.size)
-        rows = figure.subplots(layout.size, 2, sharex=True, squeeze=False)
-        for k, axes in enumerate(rows.T.ravel()):
-            band, place = 2.0 * flight.estimate_deviations[:, k], k % layout.size
+        figure = new_figure(FULL, 0.4 + 1.1 * layout.displaced.size)
+        rows = figure.subplots(layout.displaced.size, 2, sharex=True, squeeze=False)
+        for lacking in {*range(len(rows))} - {*layout.paired}:
+            rows[lacking, 1].set_axis_off()
+        for k, axes in enumerate([*rows[:, 0], *rows[layout.paired, 1]]):
+            band, (name, unit) = 2.0 * flight.estimate_deviations[:, k], pairs[k]
             axes.fill_between(flight.time, -band, band, label="two deviations", **curves.BAND)
             error = flight.estimate_errors[:, k]
             curves.plot_line(axes, flight, error, label="error of estimates", linewidth=1.0)
-            unit = layout.units[place].removesuffix("" if k > place else "/s")
-            curves.label_axes(axes, f"{curves.symbol(layout.names[place])} ({unit})")
+            curves.label_axes(axes, f"{curves.symbol(name)} ({unit})")
         curves.add_key(rows[0, 1])
         return curves.finished(figure, flight)
 

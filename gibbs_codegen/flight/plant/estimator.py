@@ -38,7 +38,7 @@ class Estimate(NamedTuple):
     """What a filter tells at a time, s: coordinates q (nq) and velocities v (nv).
 
     `values` are of what else it estimates, by names such as "wrench", "efforts", "payload" and
-    "imu_bias"; `deviations` standard deviations of these and, as "q" (nv) and "v" (nv), of
+    "imu_bias"; `deviations` standard deviations of these and, as "q" (nd) and "v" (nv), of
     displacements of q and of v; `covariance` (n, n) is that of all errors in this order.
     """
 
@@ -255,7 +255,8 @@ class Estimator:
     def _rest(self) -> dict[str, list[tuple[str, str]]]:
         """Names and units of entries of loads and of biases, by what they are part of."""
         vehicle, suite = self._vehicle, self._suite
-        joints = zip(vehicle.joint_names, vehicle.layout.effort_units, strict=True)
+        units = vehicle.layout.effort_units[: vehicle.joints]
+        joints = zip(vehicle.joint_names, units, strict=True)
         pushes = [("force", "N"), ("torque", "N m")]
         found = {
             "wrench": [(f"wrench_{x}_{axis}", unit) for x, unit in pushes for axis in "xyz"],
@@ -282,7 +283,7 @@ class Estimator:
         last = np.maximum(np.searchsorted(times, time + _SAME) - 1, 0)
         places = np.cumsum([q.shape[1], v.shape[1]])
         known_q, known_v, _ = np.split(known[last], places, axis=1)
-        off = self._vehicle.function("difference")(known_q, q)
+        off = self._vehicle.displacement(known_q, q)
         corrected = [k for k in range(len(self._names)) if k != self._leads]
         rest = [*itertools.chain(*self._rest.values())]
         return {

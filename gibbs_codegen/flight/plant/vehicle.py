@@ -270,6 +270,10 @@ class Vehicle(RobotData):
         places = np.broadcast_to(q, (*columns.shape[:-1], q.shape[-1]))
         return np.moveaxis(self.base_wrench(places, columns), 0, -1)
 
+    def displacement(self, q0: Array, q: Array) -> Array:
+        """The displacement (…, nd) between coordinates (…, nq), with a drive sideways too."""
+        return np.asarray(_displacement(self.module)({"q": q0, "other": q})["displacement"])
+
     @property
     def wheels(self) -> Array:
         """Angles (w, 3) of wheels that turn by the way along the base's axes, rad/m."""
@@ -325,6 +329,15 @@ class Vehicle(RobotData):
         if 2 not in self.layout.own_axes[0]:
             return -np.asarray(self._gravity, dtype=np.float64)
         return gravity_of(self.module, self.layout, self.constants)
+
+
+@lru_cache(maxsize=64)
+def _displacement(module: ModuleType) -> Evaluator:
+    """Evaluation of the displacement from coordinates `q` to `other`."""
+    robot = Functions(module)
+    q, other = robot.coordinates(), robot.coordinates("other")
+    outputs = {"displacement": robot.displacement(q, other)}
+    return Evaluator(Program("displacement", (q, other), outputs), {"robot": module})
 
 
 @lru_cache(maxsize=64)

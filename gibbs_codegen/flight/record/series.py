@@ -131,8 +131,8 @@ class Flight:
     and `sensor_units`, as `SensorSuite` describes them; NaN before the first reading, and (s, 0)
     without sensors. `sensor_frames` (m) are the frames at which they are, "" of those at none.
     `estimates` (s, nq + nv + e) are what a filter told at each sample: q, v, and loads and biases
-    by `estimate_names` and `estimate_units` (e). `estimate_errors` (s, 2 nv) are displacements from
-    estimates to q, and differences to v; `estimate_deviations` (s, 2 nv + e) what the filter takes
+    by `estimate_names` and `estimate_units` (e). `estimate_errors` (s, nd + nv) are displacements
+    from estimates to q, and differences to v; `estimate_deviations` (s, nd + nv + e) what it takes
     for standard deviations of these and of the others. `innovations` (s, d) are the last squared
     innovations of sensors by `innovation_names`, normalised so that 1 is their mean. Without a
     filter all are empty.
@@ -554,9 +554,10 @@ class Flight:
                 yield f"{frame}_torque_{axis}", "N m", series[:, k + 3]
         yield from zip(self.sensor_names, self.sensor_units, self.sensors.T, strict=True)
         told = [*places.names, *rates, *self.estimate_names]
-        off = [*(f"displacement_{name}" for name in velocities.names), *told[places.size :]]
+        moved, of_moved = zip(*self.layout.displacements, strict=True)
+        off = [*(f"displacement_{name}" for name in moved), *told[places.size :]]
         of_rest = [*velocities.units, *self.estimate_units]
-        of_off = [*(unit.removesuffix("/s") for unit in velocities.units), *of_rest]
+        of_off = [*of_moved, *of_rest]
         for names, units, suffix, series in (
             (told, (*places.units, *of_rest), "estimated", self.estimates),
             (off, of_off, "error", self.estimate_errors),
