@@ -31,6 +31,7 @@ from gibbs_codegen.exchange.exporting import export_robot
 from gibbs_codegen.flight.rollouts.vector_env import VectorEnv
 from gibbs_codegen.interface import FUNCTIONS, module_signatures
 from gibbs_codegen.interface.constraints import CONSTRAINT_DERIVATIVES
+from gibbs_codegen.machine.filters import CALLED
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.base import Base
 from gibbs_codegen.robot.posture import robot_frames
@@ -267,7 +268,7 @@ def test_differential_drive() -> None:
     inputs = np.array([[1.0, 1.0], [-half, half]]) / radius
     np.testing.assert_allclose(module.input_matrix(q), inputs, rtol=1e-12)
     rates = [v[0] * np.cos(0.7), v[0] * np.sin(0.7), v[1], *(inputs.T @ v)]
-    np.testing.assert_allclose(module.coordinate_rates(q, v), rates, rtol=1e-12)
+    np.testing.assert_allclose(module.coordinate_rates(q, v), rates, rtol=1e-12, atol=1e-14)
     moved = np.linalg.solve(np.diag([along, about]), bias + inputs @ u)
     np.testing.assert_allclose(module.forward_dynamics(q, v, u), moved, rtol=1e-12)
     wider = module.prepare({"left_radius": 0.3})
@@ -334,7 +335,8 @@ def test_energy_of_free_rolling(seed: int) -> None:
 @cache
 def differentiable_sleigh() -> ModuleType:
     """The sleigh with derivatives."""
-    return module_with_derivatives(parse_robot(SLEIGH), "forward_dynamics_derivatives")
+    names = *CALLED, "forward_dynamics_derivatives"
+    return module_with_derivatives(parse_robot(SLEIGH), *names)
 
 
 def test_linear_models_have_the_way_sideways() -> None:
@@ -358,7 +360,7 @@ def test_linear_models_have_the_pull_of_walls_sideways() -> None:
     """A wall that pushes its frame back by 200 N/m of depth, along the wall's normal."""
     yaw, depth, stiffness, mass = 0.4, 0.03, 200.0, 2.0
     normal = np.array([-0.8, 0.6, 0.0])
-    wall = {"name": "wall", "shape": "plane", "frames": ["base"], "ball_radius": 0, "damping": 0}
+    wall = {"kind": "plane", "frame": "base", "ball_radius": 0, "damping": 0}
     wall |= {"point": (depth * normal).tolist(), "normal": normal.tolist(), "stiffness": stiffness}
     walled = {"name": "walled", "duration": 1.0, "wall": [wall]}
     at = np.array([0.0, 0.0, yaw]), np.zeros(2), np.zeros(0)
