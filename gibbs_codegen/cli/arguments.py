@@ -264,8 +264,8 @@ def _info(parser: Parser) -> None:
 @_command("print the paper's equations of one chain as text or LaTeX")
 def _show(parser: Parser) -> None:
     _add_robot(parser)
-    meaning = "number of the chain, as `info` lists them"
-    parser.add("--chain", "J", meaning, type=int, required=True)
+    meaning = "number of the chain, as `info` lists them (default: 1)"
+    parser.add("--chain", "J", meaning, type=int, default=1)
     parser.add(
         *("--equation", "E"),
         "number of an equation: 2 (Gibbs function), 5 (its partial derivatives), 6 (the two "

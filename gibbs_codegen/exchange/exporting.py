@@ -64,8 +64,6 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
             reflected = link.motor.gear_ratio**2 * link.motor.rotor_inertia
             passive = replace(link.passive, armature=link.passive.armature + reflected)
             joint = replace(joint, link=replace(link, passive=passive))
-        elif link.motor and joint.kind != "revolute":
-            lost.append("its motor")
         if form != "mjcf" and joint.gear and len(joint.gear.ratios) > 1:
             lost.append(f"that it follows {joint.gear.words}")
             joint = replace(joint, gear=None)

@@ -110,7 +110,10 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
         findings.append(Finding("note", "rotors", words))
     findings += _rubbing_joints(robot)
     findings += _light_joints(robot)
-    endless = ", ".join(joint.name for joint in source.joints if joint.continuous)
+    # A wheel, or a rotor, carries nothing that moves.
+    carriers = {joint.parent for joint in source.joints if joint.kind != "fixed"}
+    ends = [joint for joint in source.joints if joint.child not in carriers]
+    endless = ", ".join(joint.name for joint in ends if joint.continuous)
     if endless and robot.base.motion == PLANAR:
         words = "none were made; joints of wheels that roll become [[wheel]] tables by hand, with "
         words += 'drive = "differential" in [base] if it does not slip sideways; '

@@ -337,10 +337,11 @@ class _ModelReader:
         axis_of_joint, offset = self._axis(name, axis), self._between(name, moved)
         spring = {"stiffness": stiffness, "rest": rest if stiffness else 0.0}
         link = values.link(name, dynamics, axis_of_joint, limits, **spring)
-        inertia = values.positive(element, "drake:rotor_inertia")
-        ratio = values.number(element, "drake:gear_ratio", 1.0)
-        if kind == "revolute" and inertia and ratio:
-            link = replace(link, motor=Motor(rotor_inertia=inertia, gear_ratio=ratio))
+        if kind == "revolute":
+            inertia = values.positive(element, "drake:rotor_inertia")
+            ratio = values.number(element, "drake:gear_ratio", 1.0)
+            if inertia and ratio:
+                link = replace(link, motor=Motor(rotor_inertia=inertia, gear_ratio=ratio))
         return sources.SourceJoint(
             name, kind, parent, moved, pose, link, offset, element.line, gear
         )

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from support.pinocchio_oracle import Oracle
-from support.random_robots import random_robot
+from support.random_robots import SEQUENCES, random_robot
 
 from benchmarks.family import benchmark_robot
 from gibbs_codegen.derivation.articulated import SolvedJoint
@@ -25,7 +25,7 @@ from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.program.nodes import ScalarProgram, count_operations
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.parts.base import ROD_ORIGINS, SEQUENCES
+from gibbs_codegen.robot.parts.base import ROD_ORIGINS
 from gibbs_codegen.robot.parts.body import Rod
 from gibbs_codegen.robot.parts.link import JOINT_KINDS, Link
 from gibbs_codegen.symbolic.ldlt import (

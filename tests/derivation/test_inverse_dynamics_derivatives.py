@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from support.complex_tape import derivatives, inputs_at, stepped, tape_values
-from support.random_robots import random_robot, random_tree
+from support.random_robots import SEQUENCES, random_robot, random_tree
 
 from benchmarks.family import benchmark_robot, two_arms
 from gibbs_codegen.derivation.derive import derive
@@ -19,7 +19,7 @@ from gibbs_codegen.program.lower import Slice, lower, operations
 from gibbs_codegen.program.nodes import Number, ScalarProgram
 from gibbs_codegen.robot.layout import Places, layout_of
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.parts.base import ROD_ORIGINS, SEQUENCES, Attitude
+from gibbs_codegen.robot.parts.base import ROD_ORIGINS, Attitude
 from gibbs_codegen.symbolic.tape import Tape
 from gibbs_codegen.symbolic.vectors import Matrix
 

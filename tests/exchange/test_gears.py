@@ -218,6 +218,13 @@ def test_rotors_of_transmissions_are_motors_behind_gears(tmp_path: Path) -> None
         back, _ = imported(text, tmp_path)
         assert [link.motor for link in back.links] == [link.motor for link in robot.links]
         assert [link.passive for link in back.links] == [link.passive for link in robot.links]
+    sliding = tmp_path / "sliding.sdf"
+    sliding.write_text(text.replace('type="revolute"', 'type="prismatic"'), encoding="utf-8")
+    robot, told = import_robot(sliding, ImportOptions("quaternion"))
+    assert not any(link.motor for link in robot.links)
+    assert "<drake:rotor_inertia> in <joint>" in {
+        line.subject for line in told if line.kind == "left out"
+    }
     reduced = "<mechanicalReduction>60</mechanicalReduction>"
     path = tmp_path / "hand.xml"
     path.write_text(URDF.replace("</robot>", DRIVEN.format(reduced)), encoding="utf-8")

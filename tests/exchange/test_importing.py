@@ -482,16 +482,18 @@ def test_limits_that_nothing_reaches_let_a_rotor_spin_as_none_do(tmp_path: Path)
         "ratchet": 'lower="0" upper="1e16"',
     }
     links = "".join(spinning(name, bounds) for name, bounds in joints.items())
-    text = f'<robot name="r">{hub}{links}{spinning("plain", "", "continuous")}</robot>'
+    shoulder = spinning("shoulder", "", "continuous")
+    arm = shoulder + spinning("wrist_roll", 'lower="0" upper="1"').replace('"hub"', '"shoulder"')
+    text = f'<robot name="r">{hub}{links}{spinning("plain", "", "continuous")}{arm}</robot>'
     robot, report = imported(text, tmp_path)
-    assert len(robot.links) == 5
+    assert len(robot.links) == 7
     (hint,) = [line.detail for line in report if line.subject == "rotors"]
     assert hint.endswith("turn without end: iris_joint, turns_joint, plain_joint")
     rotors = tmp_path / "rotors.toml"
     rotors.write_text("".join(f'[[rotor]]\non = "{name}"\n' for name in (*joints, "plain")))
     robot, report = imported(text, tmp_path, rotors=rotors)
     assert told(report, "locked") == ["iris_joint", "turns_joint", "plain_joint"]
-    assert [link.name for link in robot.links] == ["wrist", "ratchet"]
+    assert [link.name for link in robot.links] == ["wrist", "ratchet", "shoulder", "wrist_roll"]
 
 
 def test_limits_that_nothing_reaches_in_mjcf(tmp_path: Path) -> None:

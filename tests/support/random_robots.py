@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.base import (
+    ATTITUDES,
     FREE,
     LEVEL_MOTIONS,
     ROD_ORIGINS,
-    SEQUENCES,
     TRAVELS,
     TURNS,
     Base,
@@ -32,6 +32,8 @@ from gibbs_codegen.robot.parts.spring import Spring
 from gibbs_codegen.robot.parts.wheel import WheelTable
 from gibbs_codegen.robot.text import robot_text
 
+# The intrinsic sequences of Tait–Bryan angles.
+SEQUENCES = ATTITUDES[:-1]
 ANGLES = ("0", "0", "0", "90", "-90", "180", "30", "45", "37.25", "-120", "60")
 
 

@@ -355,6 +355,8 @@ def _reached(a: Array, b: Array) -> Array:
 _MARGINAL = 1e-7
 # Accelerations, m/s² or rad/s², that a robot may have where a regulator is to keep it.
 _STEADY = 1e-3
+# What gains are, as shares of the largest, that nothing but rounding is left in.
+_ROUNDING = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -463,6 +465,7 @@ def lqr(
         gain = linalg.solve(inputs, b.T @ cost, assume_a="pos")
     else:
         gain = linalg.solve(inputs + b.T @ cost @ b, b.T @ cost @ a, assume_a="pos")
+    gain[np.abs(gain) <= _ROUNDING * np.abs(gain).max()] = 0.0
     values = np.linalg.eigvals(a - b @ gain)
     slowest = np.argsort(-(values.real if dt is None else np.abs(values)))
     rest = (0, size - kept)

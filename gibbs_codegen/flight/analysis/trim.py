@@ -341,7 +341,7 @@ class Trim:
         noise = EXACT * np.abs(self.u).max(initial=1.0)
         width = max(map(len, names))
         for name, unit, value, margin in zip(names, units, values, rooms, strict=True):
-            value = value if abs(value) > noise else 0.0
+            value, margin = (x if abs(x) > noise else 0.0 for x in (value, margin))
             line = f"  {name:<{width}} {value:10.4g} {unit:<3}"
             room = f" {margin:10.4g} {unit} from a limit" if np.isfinite(margin) else ""
             if unit == "rad":
@@ -354,7 +354,7 @@ class Trim:
                 self.command, self.command_margins, self.command_units.items(), strict=True
             ):
                 scale, unit = (100.0, "%") if unit == "1" else (1.0, unit)
-                value = value if abs(value) > EXACT else 0.0
+                value, margin = (x if abs(x) > EXACT else 0.0 for x in (value, margin))
                 line = f"  {name:<{width}} {scale * value:10.4g} {unit:<5}"
                 room = f" {scale * margin:10.4g} {unit} from a limit" * bool(np.isfinite(margin))
                 lines.append((line + room).rstrip())

@@ -122,15 +122,16 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
     def series(role: str, *alternatives: tuple[str, ...]) -> Samples | None:
         """Fields of the topic that has a role, those that it has first of some."""
         fields = _topic(topics, str(names.get(role, _READ[role])))
-        return next(
-            (_samples(fields, keys) for keys in alternatives if fields.keys() >= {*keys}), None
-        )
+        for keys in alternatives:
+            if fields.keys() >= {*keys}:
+                return _samples(fields, keys)
+        return needed(role, *alternatives) if role in names and not fields else None
 
     def needed(role: str, *alternatives: tuple[str, ...]) -> Samples:
         """The same of what a flight cannot be without."""
-        if samples := series(role, *alternatives):
-            return samples
         name, others = str(names.get(role, _READ[role])), ", ".join(sorted(topics)) or "none"
+        if _topic(topics, name) and (samples := series(role, *alternatives)):
+            return samples
         raise UsageError(
             f"{printable(path)}: has no {printable(name)} that gives the {role} of the base "
             f"by {' or '.join(keys[0] for keys in alternatives)}; name another topic "

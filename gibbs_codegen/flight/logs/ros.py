@@ -6,6 +6,7 @@ turned.
 
 from __future__ import annotations
 
+import logging
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -31,6 +32,7 @@ from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.vectors import Array
 
+_log = logging.getLogger("gibbs_codegen")
 WORLD, BASE = "world", "base"
 # By the unit of a command, the list of Actuators that it belongs to.
 _LISTS = {"rad": "position", "m": "position", "rad/s": "velocity", "m/s": "velocity"}
@@ -148,23 +150,24 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
     """Contents of a bag, or of an MCAP file, for a robot, by names other than those written."""
     topics = {role: str(names.get(role, topic)) for role, (topic, _) in _READ.items()}
     kinds, messages = read_messages(path, set(topics.values()))
+    there = printable(", ".join(f"{x} ({kinds[x]})" for x in sorted(kinds)) or "none", 800)
     for role, (_, wanted) in _READ.items():
         topic, kind = topics[role], kinds.get(topics[role], "")
         # Another type at a topic that nobody has named is as none.
-        if kind and kind.rpartition("/")[2] not in wanted:
+        if (kind or role in names) and kind.rpartition("/")[2] not in wanted:
             if role in names or role == "odometry":
+                what = f"is of the type {printable(kind)}" if kind else "is not in it"
                 raise UsageError(
-                    f"{printable(path)}: {printable(topic)} is of the type {printable(kind)}; "
-                    f"--name {role}=TOPIC takes the types {', '.join(wanted)}"
+                    f"{printable(path)}: {printable(topic)} {what}; "
+                    f"--name {role}=TOPIC takes the types {', '.join(wanted)}; there are {there}"
                 )
             messages[topic] = []
     poses = messages[topics["odometry"]]
     if not poses and vehicle.layout.q.base:
-        there = ", ".join(f"{topic} ({kinds[topic]})" for topic in sorted(kinds)) or "none"
         raise UsageError(
             f"{printable(path)}: has no message of {printable(topics['odometry'])} that can be "
             "read and says where the base is; name a topic of one of the types "
-            f"{', '.join(_POSES)} (--name odometry=TOPIC); there are {printable(there, 800)}"
+            f"{', '.join(_POSES)} (--name odometry=TOPIC); there are {there}"
         )
     states, efforts = (_by_name(messages[topics[role]]) for role in ("joints", "inputs"))
     time, placed = _times(poses), [_pose(message) for _, message in poses]
@@ -213,6 +216,10 @@ def _felt(messages: Sequence[tuple[int, Any]], vehicle: Vehicle) -> dict[str, Sa
     for logged, message in messages:
         frame = message.header.frame_id
         by_frame[frame if frame in vehicle.frames else BASE].append((logged, message))
+    unknown = {message.header.frame_id for _, message in messages} - {*vehicle.frames, BASE, ""}
+    if unknown:
+        words = printable(", ".join(sorted(unknown)), 200)
+        _log.warning("imu: %s: no frame of the robot; read as the base's, in its axes", words)
     return {
         frame: Samples(
             _times(listed),

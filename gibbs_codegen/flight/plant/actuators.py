@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -160,8 +160,8 @@ def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
 
 def _check_rotors(vehicle: RobotData, motors: Motors) -> None:
     """Raise `UsageError` for keys of motors that mean nothing without rotors."""
-    keys = ("limits", "time_constant", "disc_radius")
-    said = [f"motors.{key}" for key in keys if getattr(motors, key) is not None]
+    plain, keys = type(motors)(), [key.name for key in fields(motors)]
+    said = [f"motors.{key}" for key in keys if getattr(motors, key) != getattr(plain, key)]
     if said and not vehicle.rotors:
         raise UsageError(f"{', '.join(said)}: {vehicle.name} has no rotors; leave it out")
 

@@ -257,7 +257,12 @@ class MachineScene:
     ) -> None:
         centre, joints = robot.points.index(robot.centre), len(robot.layout.effort_units)
         first = centre + 1 + len(directions)
-        self._rotors, moving = np.arange(centre + 1, first), range(first, first + joints)
+        self._rotors, q = np.arange(centre + 1, first), robot.layout.q
+        moving = []
+        for k, name in enumerate((*q.names[q.joints], *q.names[q.angles]), start=first):
+            # Joints that gears move may be between, and coordinates have names of their own.
+            named = f"joint_{name}", f"joint{name.rpartition('_')[2]}"
+            moving.append(next((robot.points.index(x) for x in named if x in robot.points), k))
         self._joints, self._pushed = [centre, *moving], pushed
         rods = [(parent, point) for point, parent in enumerate(parents) if parent >= 0]
         self._rods = np.array(rods, dtype=np.int_).reshape(-1, 2)

@@ -40,8 +40,6 @@ from gibbs_codegen.robot.parts.rotor import MAX_ROTORS
 Origin = Literal["motor1", "centre", "base"]
 Attitude = Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx", "quaternion"]
 ATTITUDES: tuple[Attitude, ...] = get_args(Attitude)
-# The intrinsic sequences of Tait–Bryan angles.
-SEQUENCES = ATTITUDES[:-1]
 # Those of a base that has rods.
 ROD_ORIGINS: tuple[Origin, ...] = ("motor1", "centre")
 # The keys of rods and of the motors at their ends.

@@ -24,6 +24,7 @@ def test_the_gain_is_stable_and_optimal(differentiated: Load, name: str, dt: flo
     weights, price = np.repeat([4.0, 1.0], nv), np.linspace(0.5, 2.0, nu)
     regulator = lqr(module, found, weights, np.diag(price), dt)
     a, b, gain, cost = regulator.a, regulator.b, regulator.gain, regulator.cost
+    assert not np.any((gain != 0.0) & (np.abs(gain) <= 1e-13 * np.abs(gain).max()))
     values = regulator.eigenvalues
     growth = values.real if dt is None else np.abs(values) - 1.0
     assert growth[0] < 0.0

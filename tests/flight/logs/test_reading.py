@@ -231,8 +231,9 @@ def test_topics_of_other_names_and_kinds(shipped: Modules, tmp_path: Path) -> No
         ({"forearm": "wrist"}, "no positions of the joint forearm; .* There are: shoulder, elbow"),
         (
             {"odometry": "/odom"},
-            "no message of /odom.*--name odometry=TOPIC.* there are /arm .*, /mocap/pose ",
+            "/odom is not in it; --name odometry=TOPIC.* there are /arm .*, /mocap/pose ",
         ),
+        ({"imu": "/felt"}, "/felt is not in it; --name imu=TOPIC takes the types Imu; there are /"),
         ({"wrist": "elbow"}, "names: wrist: is none of F_front_left"),
         ({"spin": "/arm"}, "names: spin: is none of F_front_left"),
         ({"F_front_left": "left"}, "mocap: has no left, named for F_front_left"),

@@ -116,10 +116,12 @@ def test_actuators_have_the_lists_of_their_commands(fast: Modules, tmp_path: Pat
         np.testing.assert_array_equal(message.normalized, expected)
 
 
-def test_imus_of_the_robot_take_the_place_of_the_exact_one(fast: Modules, tmp_path: Path) -> None:
+def test_imus_of_the_robot_take_the_place_of_the_exact_one(
+    fast: Modules, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     imu = {"rate": 500, "accelerometer_noise": 0.1, "gyroscope_noise": 0.01}
     sensors = {"imu": [{"name": "hand", "frame": "tip"}, imu], "encoders": [{}]}
-    scenario = read_scenario("hover", {"duration": 0.05, "sensors": sensors})
+    scenario = read_scenario("hover", {"duration": 0.2, "sensors": sensors})
     flight = simulate(fast("quadrotor_arm_2link"), scenario)
     gibbs_codegen.write_log(flight, tmp_path / "bag")
     messages = _read(tmp_path / "bag")[0]
@@ -136,6 +138,10 @@ def test_imus_of_the_robot_take_the_place_of_the_exact_one(fast: Modules, tmp_pa
     expected = flight.sensors[:, 6:12] * [1.0, -1.0, -1.0, 1.0, -1.0, -1.0]
     names = [f"{name}{k}" for name in ("accelerometer_m_s2", "gyro_rad") for k in range(3)]
     np.testing.assert_array_equal(np.stack([table[name] for name in names], axis=1), expected)
+    with pytest.raises(UsageError, match=r"has no felt that gives the imu .* there are actuator_m"):
+        gibbs_codegen.read_log(fast("quadrotor_arm_2link"), tmp_path / "tables", {"imu": "felt"})
+    gibbs_codegen.read_log(fast("quadrotor"), tmp_path / "bag", {"imu": "/imu/hand"})
+    assert "imu: tip: no frame of the robot; read as the base's, in its axes" in caplog.text
 
 
 def test_what_is_in_the_way_is_left_alone(flight: Flight, tmp_path: Path) -> None:

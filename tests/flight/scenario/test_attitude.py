@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 from support.angle_rates import bias_acceleration, rate_matrix
 from support.differences import rate
+from support.random_robots import SEQUENCES
 
 from gibbs_codegen.flight.attitude import (
     SINGULAR_COSINE,
@@ -23,7 +24,6 @@ from gibbs_codegen.flight.attitude import (
 from gibbs_codegen.flight.plant.kinematics import Kinematics, kinematics_of
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.robot.layout import Layout
-from gibbs_codegen.robot.parts.base import SEQUENCES
 from gibbs_codegen.verification.vectors import times
 
 every_sequence = pytest.mark.parametrize("sequence", SEQUENCES)

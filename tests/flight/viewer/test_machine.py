@@ -13,7 +13,14 @@ from support.emitted import emitted_module
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.viewer import robot_view
-from gibbs_codegen.flight.viewer.machine import LOADED, RELAXED, DrawnMachine, changed, mixed
+from gibbs_codegen.flight.viewer.machine import (
+    LOADED,
+    RELAXED,
+    DrawnMachine,
+    changed,
+    mixed,
+    rgb,
+)
 from gibbs_codegen.flight.viewer.page import empty_server
 from gibbs_codegen.flight.viewer.robot_view import (
     RobotScene,
@@ -53,6 +60,21 @@ def test_controls_of_a_quaternion_are_roll_pitch_and_yaw(shipped: Shipped) -> No
     wanted *= Rotation.from_rotvec([0.3, 0, 0])
     assert machine.vehicle.base_rotation(q) == pytest.approx(wanted.as_matrix())
     assert machine.state(q, machine.hover(q)).points[0] == pytest.approx([1, 2, 3])
+
+
+def test_efforts_colour_the_links_that_they_move_not_those_that_gears_do() -> None:
+    text = 'name = "bent"\n[base]\nmotion = "fixed"\n'
+    for name, rest in (("a", ""), ("b", 'gear = { of = "a", ratio = -1 }\n'), ("c", "")):
+        rod = "length = 0.5\nmass_per_length = 1.0\n"
+        text += f'[[link]]\nname = "{name}"\n{rod}{rest}'
+    machine = DrawnMachine(emitted_module(parse_robot(text)))
+    with empty_server() as server:
+        scene = RobotScene(server, machine, machine.coordinates(machine.start()), live=False)
+        scene.machine.efforts["N m"], efforts, none = 1.0, np.array([0.0, 1.0]), np.zeros((0, 3))
+        points, wheels = machine.vehicle.positions(np.zeros(2)), np.zeros((0, 2, 3))
+        scene.machine.show(points, none, none[:, 0], efforts, none, none, wheels)
+        colours = scene.machine.rods.node.batched_colors
+    assert (colours == rgb(LOADED)).all(axis=1).tolist() == [False, False, False, True]
 
 
 CRAFT = """
