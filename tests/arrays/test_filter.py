@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from support.compiled import build
 from support.emitted import module_with_derivatives
+from support.pages import files_of
 
 from benchmarks.filter_consistency import consistency, module_of
 from gibbs_codegen import (
@@ -299,6 +300,17 @@ def test_outliers_and_dropouts_change_nothing(cart: ModuleType) -> None:
     assert estimator.estimate.q > 0.004
 
 
+def test_what_sensors_go_on_telling_is_no_outlier(cart: ModuleType) -> None:
+    """The sixth in a row counts, as a right one in between does not let it."""
+    for right, found in ((None, 5.0), (3, 0.0)):
+        estimator = Estimator(cart, read_scenario(SENSED).sensors)
+        estimator.begin([0.0], [0.0])
+        for k in range(6):
+            reading = estimator.estimate.q if k == right else [5.0]
+            estimator.follow(H * k, [0.0], [("encoders", H * k, reading)])
+        assert abs(estimator.estimate.q[0] - found) < 0.1
+
+
 def test_long_times_are_several_steps(cart: ModuleType) -> None:
     """Five of the longest are; and a wrench acts on a frame of an arm whose base is fixed."""
     numbers = {"control.filter": {"wrench": "tip"}}
@@ -407,6 +419,30 @@ def test_an_imu_alone_leads_along_a_path(robot: str, quadrotor: ModuleType, tmp_
     changes["control"]["filter"] = {"by": "imu", "acceleration": 0.0}
     errors = simulate(module, read_scenario("circle", changes)).estimate_errors
     assert np.abs(errors[:, : errors.shape[1] // 2]).max() < 1e-5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("by", "least", "most"), [("imu", 0.0, 0.005), ("model", 0.02, 0.07)])
+def test_estimates_go_through_an_impact_and_a_hold(by: str, least: float, most: float) -> None:
+    """An IMU feels them; the dynamics do not know them, are off for a while, and come back."""
+    text = files_of("docs/howto/constraints.md")["percher.toml"]
+    percher = module_with_derivatives(parse_robot(text), *CALLED)
+    changes = {
+        "duration": 1.2,
+        "base": {"path": {"kind": "fixed", "position": [0, 0, 1]}},
+        "hold": [{"constraint": "grip", "begin": 0.3, "end": 0.6, "idle": True}],
+        "control": {"rate": 250, "estimate": True, "filter": {"by": by}},
+        "sensors": {
+            "imu": [{"rate": 250, "accelerometer_noise": 0.02, "gyroscope_noise": 1e-3}],
+            "encoders": [{"rate": 125, "noise": 1e-3}],
+            "pose": [{"rate": 125, "position_noise": 1e-3, "attitude_noise": 5e-3}],
+        },
+    }
+    flight = simulate(percher, read_scenario("hover", changes))
+    off = np.linalg.norm(flight.estimate_errors[:, :3], axis=1)
+    assert not flight.stopped
+    assert least < off.max() < most
+    assert off[-10:].max() < 5e-3
 
 
 @pytest.mark.slow

@@ -30,6 +30,8 @@ from gibbs_codegen.machine.sensors import SensorAt
 _SAME = 1e-9
 # The least standard deviation of a reading: with none, errors could have no deviation at all.
 _LEAST = 1e-6
+# So many outliers of a sensor in a row are none: then what is known is wrong.
+_MOST_OUTLIERS = 5
 # The longest step of a prediction, s: longer times are so many steps.
 _LONGEST = 0.01
 
@@ -120,7 +122,6 @@ class Estimator:
         self._instants: list[_Instant] = []
         # Times, s, and then what is known, its deviations, and the last innovation of each sensor.
         self._record: list[tuple[float, Array, Array, Array]] = []
-        self._innovations = np.full(len(suite.devices), np.nan)
 
     def _leading(self) -> int | None:
         """The number of the IMU that leads the motion, None if the model does."""
@@ -141,8 +142,6 @@ class Estimator:
 
     @cached_property
     def _compiled(self) -> dict[str, StateProgram]:
-        from scipy.special import chdtri  # Late, as SciPy takes long to import.
-
         vehicle, suite = self._vehicle, self._suite
         values = {"gravity": Environment(vehicle).gravity, "noise": self.noise}
         programs = {name.partition("_update_")[2]: x for name, x in self.programs.items()}
@@ -150,9 +149,16 @@ class Estimator:
         for name, program in programs.items():
             variances = suite.variances[self._names.index(name)]
             values["variances"] = np.maximum(variances, _LEAST**2)
-            values["gate"] = chdtri(len(variances), self._settings.outliers)
             compiled[name] = state_program(vehicle, program, values)
         return compiled
+
+    @cached_property
+    def _gates(self) -> list[float]:
+        """Bounds of each sensor's nis from which on it counts as an outlier."""
+        from scipy.special import chdtri  # Late, as SciPy takes long to import.
+
+        sizes = [len(variances) for variances in self._suite.variances]
+        return [float(chdtri(size, self._settings.outliers)) for size in sizes]
 
     @cached_property
     def noise(self) -> Array:
@@ -198,9 +204,11 @@ class Estimator:
             "loads": np.zeros(self._filter.loaded - places["v"].stop),
             "biases": np.zeros(self._filter.size - self._filter.loaded),
             "covariance": np.diag(variances),
+            "outliers": np.zeros(len(self._names)),
+            "innovations": np.full(len(self._names), np.nan),
         }
         self._instants = [_Instant(time, np.zeros(len(self._vehicle.inputs)), memory, memory)]
-        self._begin, self._record, self._innovations[:] = time, [], np.nan
+        self._begin, self._record = time, []
 
     def follow(
         self, time: float, u: ArrayLike, readings: Iterable[tuple[str, float, ArrayLike]] = ()
@@ -249,7 +257,7 @@ class Estimator:
         memory = self.memory
         known = np.concatenate([memory[name] for name in ("q", "v", "loads", "biases")])
         spread = np.sqrt(np.diagonal(memory["covariance"]))
-        self._record.append((time, known, spread, self._innovations.copy()))
+        self._record.append((time, known, spread, memory["innovations"]))
 
     @property
     def _rest(self) -> dict[str, list[tuple[str, str]]]:
@@ -331,15 +339,20 @@ class Estimator:
 
     def _run(self, name: str, memory: dict[str, Array], **values: ArrayLike) -> dict[str, Array]:
         """What is known after a step, or after a reading of a sensor by its name."""
-        program = self._compiled[name]
-        for key, value in {**memory, **values}.items():
+        program, of_sensor = self._compiled[name], self._names.index(name) if name else 0
+        gate = self._gates[of_sensor]
+        if memory["outliers"][of_sensor] >= _MOST_OUTLIERS:
+            gate = np.inf
+        for key, value in {**memory, **values, "gate": gate}.items():
             if key in program.inputs:
                 program.inputs[key][...] = value
         program.run()
-        if name:
-            count = len(self._suite.variances[place := self._names.index(name)])
-            self._innovations[place] = program.outputs["nis"] / count
         outputs = {key.removesuffix("_next"): x for key, x in program.outputs.items()}
+        if name:
+            nis, counts = program.outputs["nis"], memory["outliers"].copy()
+            counts[of_sensor] = counts[of_sensor] + 1 if nis >= gate else 0
+            outputs |= {"outliers": counts, "innovations": memory["innovations"].copy()}
+            outputs["innovations"][of_sensor] = nis / len(self._suite.variances[of_sensor])
         return {key: outputs[key].copy() if key in outputs else x for key, x in memory.items()}
 
     @property
