@@ -174,6 +174,19 @@ def test_ways_that_slip_are_refused() -> None:
     np.testing.assert_allclose(flight.q[-1, :3], [0, 0, np.pi / 2], atol=1e-9)
 
 
+def test_a_way_from_rest_to_rest_bends() -> None:
+    points = [[0, 0, 0], [1, 0.3, 0], [1.5, 1.2, 0]]
+    bend = {"kind": "waypoints", "times": [0, 2, 4], "points": points}
+    flight = driven(cart(), 4.0, {"attitude": TANGENT, "path": bend})
+    assert flight.centre_error.max() < 1e-6
+    np.testing.assert_allclose(flight.q[[0, -1], :2], [[0, 0], [1.5, 1.2]], atol=1e-6)
+    np.testing.assert_allclose(flight.v[[0, -1], 0], 0.0, atol=1e-6)
+    assert np.ptp(flight.q[:, 2]) > 0.5
+    line = {"kind": "line", "start": [0, 0, 0], "end": [0.6, 0.8, 0], "duration": 1, "begin": 0.5}
+    flight = driven(cart(), 2.0, {"attitude": TANGENT, "path": line})
+    np.testing.assert_allclose(flight.q[:, 2], np.arctan2(0.8, 0.6), atol=1e-8)
+
+
 OMNIDIRECTIONAL = (
     CART.replace('drive   = "differential"\n', "").replace('"cart"', '"omni"')
     + f"""

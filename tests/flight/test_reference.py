@@ -25,7 +25,7 @@ from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.scenario.file import read_scenario, shipped_scenarios
 from gibbs_codegen.flight.scenario.orientation import Level, Orientation, Tangent
-from gibbs_codegen.flight.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term
+from gibbs_codegen.flight.scenario.paths import Circle, Fixed, Harmonic, Path, Term
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.text import robot_text
@@ -169,7 +169,7 @@ def endless_spin(path: Path, time: Array, arm_angles: Array) -> Turning:
     ("path", "attitude", "message"),
     [
         (Fixed((0, 0, 1)), Tangent(2), r"stands still at t = 0 s"),
-        (Line((0, 0, 0), (1, 0, 0), 5.0, begin=-4.6), Tangent(2), r"stands still at t = 0\.3\d* s"),
+        (Harmonic(x=(Term(1.0, 0.0, 8.0),)), Tangent(2), r"at t = 0\.\d+ s .* attitude jumps"),
         (Harmonic(z=(Term(1.0, 1.0),)), Tangent(2), r"is vertical at t = 0 s"),
         (Circle((0, 0, 0), 1.0, 4.0, (0, 1, 0)), Tangent(1), r"is vertical at t = 0 s"),
         (Circle((0, 0, 0), 1.0, 4.0), Tangent(7), r"base.attitude.arm: 7: there are arms 1 to 6"),

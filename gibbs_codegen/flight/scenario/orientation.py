@@ -15,15 +15,26 @@ from numpy.typing import ArrayLike
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.table import Bounds, Kinds, Table, Whole, entry, key, table
-from gibbs_codegen.flight.attitude import Turning, product_derivatives, turning_of, unit_derivatives
+from gibbs_codegen.flight.attitude import (
+    Derivatives,
+    Turning,
+    product_derivatives,
+    turning_of,
+    unit_derivatives,
+)
 from gibbs_codegen.flight.scenario.numbers import Angle, Direction, NotNegative, Positive
 from gibbs_codegen.flight.scenario.paths import Path, minimum_jerk
 from gibbs_codegen.flight.vectors import Array, rotation_about
 from gibbs_codegen.robot.parts.rotor import MAX_ROTORS
 
 _VERTICAL = np.array([0.0, 0.0, 1.0])
-# Speed under which a path has no direction to follow, m/s.
+# Speed under which a path has no direction of its own, m/s: it has that of where it moves next.
 _STANDSTILL = 1e-6
+# Times from a rest at which that is looked for, s, and parts between two that halve the way to it.
+_AWAY = 1e-3 * 1.25 ** np.arange(80)
+_HALVES = 40
+# How far tangents before and after a rest may be from one another.
+_CORNER = 0.05
 # Sine of the angle to the vertical under which the base normal has no side to lean to.
 _UPRIGHT = 1e-3
 
@@ -92,7 +103,7 @@ class Tangent(Table):
     def __call__(self, path: Path, time: Array, arm_angles: Array) -> Turning:
         """Rotation, angular velocity and angular acceleration at times (s).
 
-        Raises `UsageError` where there is no such arm, and where the path stands still or goes
+        Raises `UsageError` where there is no such arm, and where the path has no tangent or goes
         straight up or down.
         """
         if len(arm_angles) and not 1 <= self.arm <= len(arm_angles):
@@ -100,14 +111,7 @@ class Tangent(Table):
             raise UsageError(f"base.attitude.arm: {self.arm}: {arms}")
         angle = arm_angles[self.arm - 1] if len(arm_angles) else 0.0
         time = np.asarray(time, dtype=np.float64)
-        derivatives = path(time)
-        along = unit_derivatives(*(derivatives[..., order, :] for order in (1, 2, 3)))
-        still = np.linalg.norm(derivatives[..., 1, :], axis=-1) < _STANDSTILL
-        if np.any(still):
-            raise UsageError(
-                f"the path of the base stands still at t = {time[still][0]:.6g} s, where it has no "
-                "tangent for an arm to follow; let it move, or choose a level attitude"
-            )
+        along = _tangents(path, time)
         upright = np.linalg.norm(along[0][..., :2], axis=-1) < _UPRIGHT
         if np.any(upright):
             raise UsageError(
@@ -128,10 +132,72 @@ class Tangent(Table):
         return turning_of(*frames)
 
 
+def _tangents(path: Path, time: Array) -> Derivatives:
+    """Unit tangents (…, 3) of a path at times (…), s, and their first two derivatives.
+
+    Where it rests for a moment they go on as they are beside it; where it stays, they stay. Raises
+    `UsageError` where it never moves, or goes on in another direction.
+    """
+    shape, time = (*time.shape, 3), time.ravel()
+    derivatives = path(time)
+    along = unit_derivatives(*(derivatives[:, order] for order in (1, 2, 3)))
+    rests = np.flatnonzero(np.linalg.norm(derivatives[:, 1], axis=-1) < _STANDSTILL)
+    for rest in np.split(rests, np.flatnonzero(np.diff(rests) > 1) + 1) if len(rests) else ():
+        still = rest[~np.any(derivatives[rest, 1:], axis=(1, 2))]
+        stays = len(still) > 1
+        ends = time[still[[0, -1]] if stays else rest[[0, -1]]]
+        sides = [
+            side
+            for t, way in zip(ends, (-1.0, 1.0), strict=True)
+            if (side := _beside(path, t, way))
+        ]
+        fault = f"the path of the base stands still at t = {ends[0]:.6g} s, where it "
+        if not sides:
+            raise UsageError(
+                f"{fault}has no tangent for an arm to follow; let it move, or choose a level "
+                "attitude"
+            )
+        # After the last of the times it may go anywhere.
+        tangents = [side[1][0] for side in sides]
+        if rest[-1] + 1 < time.size and np.abs(tangents[0] - tangents[-1]).max() > _CORNER:
+            raise UsageError(
+                f"{fault}turns to go on in another direction; give it a bend there, or choose a "
+                "level attitude"
+            )
+        for k in rest:
+            stay = stays and still[0] <= k <= still[-1]
+            begin, (unit, rate, second) = min(sides, key=lambda side: abs(side[0] - time[k]))
+            since = (ends[int(begin > ends[1])] if stay else time[k]) - begin
+            moved = unit + since * (rate + 0.5 * since * second), rate + since * second, second
+            for series, limit in zip(along, unit_derivatives(*moved), strict=True):
+                series[k] = 0.0 if stay and series is not along[0] else limit
+    first, second, third = (series.reshape(shape) for series in along)
+    return first, second, third
+
+
+def _beside(path: Path, time: float, way: float) -> tuple[float, Derivatives] | None:
+    """When a path moves next, after a time or, for −1, before, s, and its tangents then.
+
+    None if it does not; no path is there before 0 s.
+    """
+    times = time + way * _AWAY
+    moves = (np.linalg.norm(path(times)[:, 1], axis=-1) >= _STANDSTILL) & (times >= 0.0)
+    if not np.any(moves):
+        return None
+    k = int(np.argmax(moves))
+    still, moving = (float(times[k - 1]) if k else time), float(times[k])
+    for _ in range(_HALVES):
+        middle = 0.5 * (still + moving)
+        if np.linalg.norm(path(middle)[1]) < _STANDSTILL:
+            still = middle
+        else:
+            moving = middle
+    return moving, unit_derivatives(*path(moving)[1:])
+
+
 def heading_error(path: Path, time: ArrayLike, direction: Array) -> Array:
     """Angles (s), rad, between unit vectors (s, 3), world axes, and the tangent of a path."""
-    velocity = path(time)[..., 1, :]
-    tangent = velocity / np.linalg.norm(velocity, axis=-1, keepdims=True)
+    tangent = _tangents(path, np.asarray(time, dtype=np.float64))[0]
     # By the chord: the cosine cannot tell angles below 1e-8.
     half = np.linalg.norm(direction - tangent, axis=-1) / 2.0
     return 2.0 * np.arcsin(np.minimum(half, 1.0))

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 from support.differences import rate
 
@@ -18,7 +19,7 @@ from gibbs_codegen.flight.scenario.orientation import (
     Tangent,
     heading_error,
 )
-from gibbs_codegen.flight.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term
+from gibbs_codegen.flight.scenario.paths import Circle, Fixed, Harmonic, Path, Term, Waypoints
 from gibbs_codegen.flight.vectors import Array
 
 TIME = np.linspace(0.0, 12.0, 37)
@@ -171,9 +172,35 @@ def test_a_path_that_stands_still() -> None:
     time = np.linspace(0.0, 4.0, 9)
     with pytest.raises(UsageError, match=r"stands still at t = 0 s.*choose a level attitude"):
         Tangent(2)(Fixed((0, 0, 1)), time, arm_angles(6))
-    # Moving, and at rest from 3 s on.
-    with pytest.raises(UsageError, match=r"stands still at t = 3 s"):
-        Tangent(2)(Line((0, 0, 0), (1, 1, 0), 4.0, begin=-1.0), time, arm_angles(6))
+    # There and back.
+    with pytest.raises(UsageError, match=r"stands still at t = 2 s.*turns to go on in another"):
+        Tangent(2)(Harmonic(y=(Term(1.0, 0.0, 0.5 * np.pi),)), time, arm_angles(6))
+
+
+def test_a_path_that_rests_has_the_tangent_of_where_it_moves() -> None:
+    """A parabola from rest, x = t², y = t³: its tangent is (2, 3t), by which it begins to turn."""
+
+    def parabola(time: ArrayLike) -> Array:
+        t = np.asarray(time, dtype=np.float64)
+        x, y = ([t**2, 2 * t, 2 + 0 * t, 0 * t], [t**3, 3 * t**2, 6 * t, 6 + 0 * t])
+        return np.stack([np.stack(x, -1), np.stack(y, -1), np.zeros((*t.shape, 4))], axis=-1)
+
+    time = np.linspace(0.0, 1.0, 11)
+    turning = Tangent()(parabola, time, np.zeros(0))
+    yaw = np.arctan(1.5 * time)
+    assert_allclose(turning.rotation[:, :2, 0], np.stack([np.cos(yaw), np.sin(yaw)], 1), atol=1e-9)
+    assert_allclose(turning.velocity[:, 2], 1.5 / (1.0 + 2.25 * time**2), atol=1e-9)
+    # At rest until 1 s and from 3 s on, it bends from x to y.
+    bend = Waypoints(times=(1, 2, 3), points=((0, 0, 0), (1, 0.3, 0), (1.5, 1.2, 0)))
+    turning = Tangent()(bend, time := np.linspace(0.0, 5.0, 501), np.zeros(0))
+    still = (time <= 1.0) | (time >= 3.0)
+    assert_allclose(turning.velocity[still], 0.0, atol=1e-6)
+    assert np.abs(np.diff(turning.rotation[:, 0, 0])).max() < 0.02
+    for side, places in ((1.003, time <= 1.0), (2.997, time >= 3.0)):
+        way = bend(side)[1]
+        there = np.tile(way / np.linalg.norm(way), (np.sum(places), 1))
+        assert_allclose(turning.rotation[places][:, :, 0], there, atol=1e-3)
+    assert heading_error(bend, time, turning.rotation[:, :, 0]).max() < 1e-12
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
