@@ -58,6 +58,7 @@ from gibbs_codegen.flight.desired.trajectory import (
 )
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.integration.compiled_loop import compiled_ahead
+from gibbs_codegen.flight.integration.envelope import too_weak
 from gibbs_codegen.flight.integration.integrators import integrate
 from gibbs_codegen.flight.integration.rest import resting
 from gibbs_codegen.flight.plant.actuators import actuators_of, check_charge
@@ -116,6 +117,9 @@ def simulate(
     loop, scenario = start.loop, start.scenario
     law = law_in_time(loop.controller, scenario, loop.actuators, loop.idles, controller)
     loop = replace(loop, controller=law)
+    led = scenario.control.law not in ("off", "open_loop") and loop.vehicle.layout.moves_freely
+    if led and (weakness := too_weak(loop)):
+        _log.warning("%s: %s", loop.vehicle.name, weakness)
     begin = perf_counter()
     history = integrate(
         loop,

@@ -161,8 +161,8 @@ class Envelope:
     def _advice(self, saturated: Sequence[str]) -> str:
         """Advice, by the inputs that are at their limits."""
         loop = self.loop
-        if too_weak := self._too_weak():
-            return too_weak
+        if weakness := too_weak(loop):
+            return weakness
         law, sampled = loop.controller.law, loop.hold is not None
         lagging = loop.lags and not loop.compensates
         thrusts = loop.vehicle.inputs[: loop.vehicle.rotors]
@@ -185,19 +185,20 @@ class Envelope:
         limits = f"inputs at their limits: {', '.join(saturated)}; " if saturated else ""
         return f"{limits}try {', '.join(dict.fromkeys(remedies))} or a gentler motion"
 
-    def _too_weak(self) -> str:
-        """That the thrusts cannot carry the weight, whatever their directions; "" if they may."""
-        vehicle = self.loop.vehicle
-        most = float(np.sum(np.max(np.abs(self.loop.actuators.thrusts), axis=0)))
-        still = np.zeros(vehicle.layout.v.size)
-        force = vehicle.inverse_dynamics(vehicle.neutral, still, still)
-        weight = float(np.linalg.norm(vehicle.base_wrench(vehicle.neutral, force)[:3]))
-        if not vehicle.rotors or most >= weight:
-            return ""
-        return (
-            f"all thrusts together reach {most:.4g} N, less than the weight of {weight:.4g} N: "
-            "widen the limits (motors.limits, or those of the rotors in the robot file)"
-        )
+
+def too_weak(loop: ClosedLoop) -> str:
+    """That the thrusts cannot carry the weight, whatever their directions; "" if they may."""
+    vehicle = loop.vehicle
+    most = float(np.sum(np.max(np.abs(loop.actuators.thrusts), axis=0)))
+    still = np.zeros(vehicle.layout.v.size)
+    force = vehicle.inverse_dynamics(vehicle.neutral, still, still)
+    weight = float(np.linalg.norm(vehicle.base_wrench(vehicle.neutral, force)[:3]))
+    if not vehicle.rotors or most >= weight:
+        return ""
+    return (
+        f"all thrusts together reach {most:.4g} N, less than the weight of {weight:.4g} N: "
+        "widen the limits (motors.limits, or those of the rotors in the robot file)"
+    )
 
 
 def _peak_response(gains: Gains) -> Array:

@@ -493,10 +493,14 @@ def counted_derivatives(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         ),
     ],
 )
-def test_advice_is_what_applies(changes: dict[str, object], advice: str, fast: Load) -> None:
+def test_advice_is_what_applies(
+    changes: dict[str, object], advice: str, fast: Load, caplog: pytest.LogCaptureFixture
+) -> None:
+    """What is known before a flight is told then as well."""
     settings = {"method": "rk4", "divergence": 1}
     scenario = read_scenario("hover", {**changes, "duration": 2, "integration": settings})
     assert re.search(advice, simulate(fast("hexarotor_3link"), scenario).stopped)
+    assert ("less than the weight" in caplog.text) == ("less than the weight" in advice)
 
 
 # Flights that adaptive steps cannot take
