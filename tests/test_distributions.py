@@ -54,7 +54,8 @@ DATA = """
     robots/planar_quadrotor_arm.toml robots/quadrotor.toml
     robots/quadrotor_2link.toml robots/quadrotor_arm_2link.toml robots/rover_arm.toml
     robots/ur5e.toml
-    scenarios/circle.toml scenarios/drive.toml scenarios/flip.toml scenarios/hold.toml
+    scenarios/circle.toml scenarios/delta.toml scenarios/drive.toml scenarios/flip.toml
+    scenarios/hold.toml
     scenarios/hover.toml scenarios/inspection.toml scenarios/reach.toml
     scenarios/line.toml scenarios/paper.toml scenarios/push.toml
     templates/c_batch.c.jinja templates/c_each.c.jinja templates/c_header.h.jinja

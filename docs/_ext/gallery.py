@@ -29,7 +29,7 @@ PAGE = Path(__file__).parent.parent / "reference" / "robot-file.md"
 COMMANDS = {
     "cart_pole": "show cart_pole --chain 1",
     "decarotor_3link": "info decarotor_3link",
-    "delta_hexarotor": "info delta_hexarotor",
+    "delta_hexarotor": "simulate delta_hexarotor --scenario delta",
     "dual_arm": "simulate dual_arm --scenario hover",
     "hexarotor": "simulate hexarotor --scenario hover",
     "hexarotor_3link": "simulate hexarotor_3link --scenario paper --animate gif",

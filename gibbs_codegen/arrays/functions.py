@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,9 @@ from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, module_signatures
 from gibbs_codegen.interface.actuators import trivial
 from gibbs_codegen.interface.choice import options_with
 from gibbs_codegen.robot.layout import Layout
+
+# By which driven joints lead loops of a mechanism.
+_LEADING = {f"constraint_{name}" for name in ("errors", "jacobian", "bias")}
 
 
 class Functions:
@@ -49,6 +53,12 @@ class Functions:
             float(f"constraint_{name}_frequency" not in module.PARAMETERS)
             for name in getattr(module, "CONSTRAINTS", ())
         ]
+        # Rows of loops of mechanisms (l, nl), and joints in these that nothing drives (p, nv).
+        loops, rows = getattr(module, "LOOPS", {}), len(getattr(module, "CONSTRAINT_ROWS", ()))
+        held = [np.eye(rows)[module.CONSTRAINT_PLACES[name]] for name in loops]
+        self.loop_rows = np.concatenate([np.zeros((0, rows)), *held])
+        names, self.undriven = list(module.VELOCITIES), [*dict.fromkeys(chain(*loops.values()))]
+        self.free_joints = np.eye(len(names))[[names.index(name) for name in self.undriven]]
         # Rotors on which the air acts: their numbers, hubs' frames, and figures of the air.
         inputs, frames = list(module.INPUTS), list(module.FRAMES)
         self.air = [
@@ -72,6 +82,11 @@ class Functions:
         self.joint_carriers = self._joint_carriers(module)
         # Rotors whose thrusts may lag by themselves: none where drives say how.
         self.lagging = 0 if self.driven else self.rotors
+
+    @property
+    def leads_loops(self) -> bool:
+        """True if there are loops of mechanisms, and functions by which driven joints lead them."""
+        return bool(self.free_joints.size) and self.signatures.keys() >= _LEADING
 
     @property
     def rotors(self) -> int:

@@ -200,6 +200,10 @@ def flight_start(
             loop = replace(loop, bristles=bristles)
         for machine in {vehicle, loop.vehicle}:
             check_mass_matrix(machine, q)
+    held = {hold.constraint for hold in scenario.holds}
+    if opened := ", ".join(x for x in getattr(module, "LOOPS", ()) if x not in held):
+        words = "%s: moves with its loops open: %s; give the scenario a [[hold]] of each"
+        _log.warning(words, vehicle.name, opened)
     return FlightStart(motion, loop, q, v)
 
 

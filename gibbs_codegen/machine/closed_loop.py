@@ -61,6 +61,7 @@ from gibbs_codegen.machine.laws import (
     within_limits,
 )
 from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Machine, Surroundings
+from gibbs_codegen.machine.mechanism import carried
 from gibbs_codegen.machine.state import State, StateLayout
 from gibbs_codegen.machine.steps import classical_step
 
@@ -546,7 +547,8 @@ class LoopStructure:
         model, desired = self.model, at.motion
         if self.law == "open_loop":
             return desired.q, model.inverse_dynamics(desired.q, desired.v, desired.a)
-        return q, LAWS[self.law].force(model, q, v, self._aim(at, q, memory))
+        force = LAWS[self.law].force(model, q, v, self._aim(at, q, memory))
+        return q, carried(model, q, force)
 
     def _aim(self, at: AtTime, q: Node, memory: Node) -> Aim:
         """The aim of the law at an instant, with what it knows of the robot there."""

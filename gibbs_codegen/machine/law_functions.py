@@ -46,6 +46,7 @@ from gibbs_codegen.machine.laws import (
     weight_of,
     within_limits,
 )
+from gibbs_codegen.machine.mechanism import carried
 
 _OF_ROTORS = {
     "centre": "the base centre from where x, y and z are, base's frame, m",
@@ -203,7 +204,7 @@ def _law(robot: Functions, law: str, tip: int, moves: bool) -> Program:
         # Who calls learns the error of the force.
         push = PushAim(variable("direction", 3), variable("push"), variable("share"), constant(0.0))
         aim = replace(aim, frame=replace(aim.frame, push=push))
-    force = row.force(robot, q, v, aim)
+    force = carried(robot, q, row.force(robot, q, v, aim))
     outputs = {"u": within_limits(inputs_of(robot, q, force, rotors)[0], limits)} | outputs
     read = {
         x.operation.name: x for x in ordered(outputs.values()) if isinstance(x.operation, Input)

@@ -62,6 +62,7 @@ from gibbs_codegen.arrays.nodes import (
     square_root,
     zeros,
 )
+from gibbs_codegen.machine import mechanism
 from gibbs_codegen.machine.allocation import nearest_thrusts, smallest_thrusts
 from gibbs_codegen.machine.base import Base, Motion, base_of, length, placed
 
@@ -244,6 +245,7 @@ def computed_torque(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
     error = error + aim.learnt
     pull = gains.stiffness * error + gains.damping * rate
     a = base.corrected(v, desired, named(pull, "pull", "What the gains make of the errors."))
+    a = mechanism.closed(robot, q, v, a)
     return robot.inverse_dynamics(q, v, named(a, "a", "Accelerations by which errors decay."))
 
 
@@ -312,7 +314,8 @@ def geometric(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
     if aim.frame is not None:
         pushed = (thrust * along - weight.weight) / weight.mass
         joints = _reaching(robot, q, v, aim, placed(robot, attitude, zeros(3), joints), pushed)
-    generalised = robot.inverse_dynamics(q, v, placed(robot, attitude, zeros(3), joints))
+    a = mechanism.closed(robot, q, v, placed(robot, attitude, zeros(3), joints))
+    generalised = robot.inverse_dynamics(q, v, a)
     if aim.frame is not None:
         generalised = generalised - _felt(robot, q, aim.frame)
     # Another acceleration of the machine as a whole makes up for what this force is not.

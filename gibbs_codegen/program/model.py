@@ -52,13 +52,14 @@ class Model:
     @property
     def listing(self) -> SimpleNamespace:
         """The listing for array programs: what they read of a module's constants."""
+        constants = self.description.constants
         return SimpleNamespace(
             **self.lists,
             NAME=self.robot.name,
-            CARRIERS=self.description.constants["CARRIERS"],
+            CARRIERS=constants["CARRIERS"],
             ATTITUDE=self.description.layout.attitude,
             COORDINATE_UNITS=self.description.layout.q.units,
-            ROTOR_AIR=self.description.constants.get("ROTOR_AIR", {}),
+            **{x: constants.get(x, {}) for x in ("ROTOR_AIR", "CONSTRAINT_PLACES", "LOOPS")},
         )
 
     @property

@@ -37,7 +37,7 @@ from gibbs_codegen.robot.parts.constraint import ROWS
 from gibbs_codegen.robot.parts.link import Link, LinkKind
 from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, BASE
 from gibbs_codegen.robot.parts.rotor import AIR_KEYS, Rotor
-from gibbs_codegen.robot.posture import default_posture
+from gibbs_codegen.robot.posture import closed_loops, default_posture
 
 # The numbers of a body, ∫dm, ∫r dm and ∫rrᵀ dm, in the order of `derivation.inertia.Inertia`.
 NUMBERS = {
@@ -228,13 +228,19 @@ class Description:
                 rows.append(Coordinate(f"{label}_{row}", "rad" if turns else "m", what))
         return tuple(rows)
 
-    def _constraint_places(self) -> dict[str, slice]:
-        """The places of the rows of each constraint."""
+    def _of_constraints(self) -> dict[str, Any]:
+        """The places of the rows of each constraint, and which are loops of a mechanism."""
         places, start = {}, 0
         for constraint in self.robot.constraints:
             places[identifier(constraint.name)] = slice(start, start + len(ROWS[constraint.holds]))
             start += len(ROWS[constraint.holds])
-        return places
+        joints = self.layout.q.names[self.layout.q.joints]
+        names = dict(zip(self.robot.moving, joints, strict=True))
+        loops = {
+            identifier(loop.name): tuple(names[i] for i in free)
+            for loop, free in closed_loops(self.robot).items()
+        }
+        return {"CONSTRAINT_PLACES": places, "LOOPS": loops}
 
     @cached_property
     def points(self) -> tuple[str, ...]:
@@ -422,7 +428,7 @@ class Description:
             },
             "POSTURE": tuple(default_posture(robot).tolist()),
             **(self._of_actuators() if self.commands else {}),
-            **({"CONSTRAINT_PLACES": self._constraint_places()} if robot.constraints else {}),
+            **(self._of_constraints() if robot.constraints else {}),
         }
 
     def _of_actuators(self) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from gibbs_codegen.robot import placement
 from gibbs_codegen.robot.layout import frames_of, layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.body import Body, as_rigid_body, inertia_matrix
+from gibbs_codegen.robot.parts.constraint import Constraint
 from gibbs_codegen.robot.parts.numbers import BASE, ORIGIN
 from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.rotations import Array, turn, turn_about, turn_of_quaternion
@@ -149,7 +150,7 @@ def default_posture(robot: Robot) -> Array:
     by 40° or 140°, those of links with rotors by 40° only, strictly within their limits, each so
     that the ends of the arms move down and away; what does not fly moves them up from its base.
     Prismatic ones stand in the middle of their
-    limits, or at half of the longest link.
+    limits, or at half of the longest link. From there joints move to where loops close, if they do.
     """
     layout = layout_of(robot)
     q, bends = np.array(layout.neutral), {i: _bends(robot, i) for i in robot.moving}
@@ -180,9 +181,64 @@ def default_posture(robot: Robot) -> Array:
         q[places[i]], ends[moved] = bends[i][best], far[best]
         joints[after] = origin + (joints[after] - origin) @ turns[best].T
         axes[after] = axes[after] @ turns[best].T
-    return q
+    return _closed(robot, q)
 
 
+def closed_loops(robot: Robot) -> dict[Constraint, list[int]]:
+    """Loops of mechanisms, which move with these closed, and numbers of joints in each.
+
+    Those are joints that nothing drives.
+    """
+    on = {frame.name: frame.on for frame in frames_of(robot)}
+    ways: list[set[int]] = [set()]  # Of each body the links that carry it, and itself.
+    for i, parent in enumerate(robot.parents, start=1):
+        ways.append({i, *ways[parent]})
+    loops = {
+        loop: [
+            i
+            for i in sorted(ways[on[loop.frame]] ^ ways[on[loop.to or ""]])
+            if i in robot.moving and robot.links[i - 1].limits.effort == 0.0
+        ]
+        for loop in robot.constraints
+        if loop.kind == "loop"
+    }
+    return {loop: free for loop, free in loops.items() if free}
+
+
+def _closed(robot: Robot, q: Array) -> Array:
+    """Coordinates (nq) near others, within limits of joints, in which loops close, if any do."""
+    if not (loops := closed_loops(robot)):
+        return q
+    from scipy.optimize import least_squares  # Late, as SciPy takes long to import.
+
+    places = [*layout_of(robot).q.joint_places]
+    ends = [robot.links[i - 1].limits for i in robot.moving]
+    low = [-np.inf if end.low is None else end.low for end in ends]
+    high = [np.inf if end.high is None else end.high for end in ends]
+
+    def at(joints: Array) -> Array:
+        moved = q.copy()
+        moved[places] = joints
+        return moved
+
+    def errors(joints: Array) -> Array:
+        frames, off = robot_frames(robot, at(joints)).named, list[Array]()
+        for loop in loops:
+            held, anchor = frames[loop.frame], frames[loop.to or ""].carried(loop.anchor)
+            off.append(held.origin - anchor.origin)
+            axes = {"fixed": np.eye(3), "revolute": np.array([loop.axis])}.get(loop.joint)
+            for axis in () if axes is None else axes:
+                off.append(np.cross(held.axes @ axis, anchor.axes @ axis))
+        return np.concatenate(off)
+
+    exactly = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
+    found = least_squares(errors, q[places], bounds=(low, high), **exactly)
+    # Rounded, since no bit of a module may depend on the machine.
+    return np.round(at(found.x), 7) + 0.0 if np.abs(found.fun).max() < _CLOSED else q
+
+
+# Loops are closed where their errors, m and rad, are less.
+_CLOSED = 1e-9
 # How far from its limits a joint is at least, as a share of its range.
 _MARGIN = 0.1
 

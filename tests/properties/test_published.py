@@ -237,6 +237,7 @@ def test_loops_of_the_delta_arm_close_where_its_platform_is() -> None:
     q = np.zeros(len(names))
     q[names.index("qw")] = 1.0
     np.testing.assert_allclose(module.constraint_errors(q), 0.0, atol=1e-15)
+    np.testing.assert_allclose(module.constraint_errors(np.array(module.POSTURE)), 0.0, atol=2e-7)
     assert np.linalg.matrix_rank(module.constraint_jacobian(q)) == 9
     angles = np.array([0.3, 0.6, 0.45])
     for k, angle in enumerate(angles, start=1):  # Forearms stay as they were.

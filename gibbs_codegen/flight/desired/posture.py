@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.desired.inverse_kinematics import JointBounds
 from gibbs_codegen.flight.plant.actuators import joint_place
 from gibbs_codegen.flight.plant.allocation import ranks
@@ -29,6 +31,8 @@ _DIFFERENCE = 1e-5
 # Parts of the range of a joint at whose ends commanding postures are looked for, how often all
 # joints are gone through, and what counts as no better.
 _PARTS, _ROUNDS, _BETTER = 6, 4, 1.0 + 1e-6
+# Steps at most in which a loop closes, and errors, m and rad, with which it is closed.
+_CLOSINGS, _CLOSED = 20, 1e-12
 # Keeps divisors from being 0.
 _TINY = 1e-300
 
@@ -51,7 +55,39 @@ def joint_motion(
     v, a = np.zeros((2, len(time), vehicle.layout.v.size))
     q[:, vehicle.arm] = joints[:, 0]
     v[:, vehicle.arm_rates], a[:, vehicle.arm_rates] = joints[:, 1], joints[:, 2]
-    return Motion(time, q, v, a)
+    return _closed(vehicle, Motion(time, q, v, a))
+
+
+def _closed(vehicle: Vehicle, motion: Motion) -> Motion:
+    """The motion with loops of mechanisms closed, from knot to knot, by joints that none drives.
+
+    Raises `UsageError` with the time at which they cannot be.
+    """
+    robot, q, v, a = Functions(vehicle.module), motion.q, motion.v, motion.a
+    if not robot.leads_loops:
+        return motion
+    errors, jacobian, bias = (
+        vehicle.function(f"constraint_{name}") for name in ("errors", "jacobian", "bias")
+    )
+    rows, free = robot.loop_rows, robot.free_joints
+    places = [vehicle.coordinates.index(name) for name in robot.undriven]
+    for k in range(len(q)):
+        q[k, places] = q[max(k - 1, 0), places]
+        for _ in range(_CLOSINGS):
+            off = rows @ errors(q[k])
+            if np.abs(off).max() < _CLOSED:
+                break
+            q[k, places] -= np.linalg.pinv(rows @ jacobian(q[k]) @ free.T) @ off
+        else:
+            raise UsageError(
+                f"{vehicle.name}: at t = {motion.time[k]:.6g} s its loops do not close, where "
+                "driven joints lead; give others (arm.posture_deg, arm.moves_deg)"
+            )
+    levers = rows @ jacobian(q)
+    inverse = -free.T @ np.linalg.pinv(levers @ free.T)
+    v = v + (inverse @ (levers @ v[..., np.newaxis]))[..., 0]
+    pulls = (levers @ a[..., np.newaxis])[..., 0] + bias(q, v) @ rows.T
+    return Motion(motion.time, q, v, a + (inverse @ pulls[..., np.newaxis])[..., 0])
 
 
 def with_joints(vehicle: Vehicle, base: Motion, joints: Motion) -> Motion:
@@ -64,11 +100,13 @@ def with_joints(vehicle: Vehicle, base: Motion, joints: Motion) -> Motion:
 
 
 def rest_posture(vehicle: Vehicle, limits: JointBounds) -> Array:
-    """Joints (n) of least potential energy under a level base.
+    """Joints (n) of least potential energy under a level base, or where they close loops.
 
     Prismatic joints are at 0, and so are revolute ones that make no difference, such as one about
     the vertical; or where limits leave out 0, as near to it as they allow.
     """
+    if getattr(vehicle.module, "LOOPS", ()):
+        return np.array(vehicle.module.POSTURE)[vehicle.arm]
     revolute = vehicle.is_angle[vehicle.arm]
     low, high = limits[0][revolute], limits[1][revolute]
     places, rates = (

@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 
+from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.errors import UsageError, check_all
 from gibbs_codegen.flight.attitude import SingularAttitudeError, Turning, rotation_vector
 from gibbs_codegen.flight.desired import demands, timing
@@ -174,6 +175,11 @@ def _with_frames(
     does for others, and for paths of other frames there.
     """
     task, time = scenario.arm, knots(scenario.duration)
+    if Functions(vehicle.module).leads_loops:
+        raise UsageError(
+            f"arm: no path leads frames of {vehicle.name}, whose loops joints close that nothing "
+            "drives; give moves of joints (arm.moves_deg)"
+        )
     guess = None
     if task.guess is not None:
         guess = _joint_values(vehicle, task.guess, "arm.guess")

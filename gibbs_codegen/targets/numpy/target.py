@@ -128,6 +128,7 @@ _TABLES = {
     "COORDINATE_PLACES": "slice",
     "VELOCITY_PLACES": "slice",
     "CONSTRAINT_PLACES": "slice",
+    "LOOPS": "tuple[str, ...]",
     "COORDINATE_LIMITS": "tuple[float | None, float | None]",
     "VELOCITY_LIMITS": "tuple[float | None, float | None]",
     "INPUT_LIMITS": "tuple[float | None, float | None]",

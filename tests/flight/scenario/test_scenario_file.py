@@ -293,8 +293,8 @@ def test_postures_in_degrees_and_metres() -> None:
 
 def test_scenarios_that_ship() -> None:
     assert shipped_scenarios() == (
-        *("circle", "drive", "flip", "hold", "hover", "inspection", "line", "paper", "push"),
-        "reach",
+        *("circle", "delta", "drive", "flip", "hold", "hover", "inspection", "line", "paper"),
+        *("push", "reach"),
     )
     for name in shipped_scenarios():
         scenario = read_scenario(name)

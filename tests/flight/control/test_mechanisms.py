@@ -1,0 +1,82 @@
+"""Laws of machines with loops over joints that nothing drives: four bars, on the ground and not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from support.emitted import emitted_module
+
+from gibbs_codegen import UsageError, parse_robot, read_scenario, simulate
+
+BARS = "".join(
+    f'[[link]]\nname = "{name}"\nparent = "{parent}"\nxyz = [{x}, 0, 0]\naxis = "y"\n{effort}\n'
+    f"mass = {mass}\ncom = [{x}, 0, 0]\ninertia = [0, 1e-3, 1e-3, 0, 0, 0]\n"
+    for name, parent, x, mass, effort in (
+        ("crank", "base", 0, 0.3, ""),
+        ("coupler", "crank", 0.2, 0.2, "effort = 0"),
+        ("rocker", "base", 1.0, 0.4, "effort = 0"),
+    )
+)
+LOOP = """
+[[frame]]
+name = "tip"
+on = "coupler"
+xyz = [0.6, 0, 0]
+[[frame]]
+name = "pin"
+on = "rocker"
+xyz = [0.5, 0, 0]
+[[constraint]]
+name = "closure"
+type = "loop"
+frame = "tip"
+to = "pin"
+joint = "spherical"
+"""
+PAIR = "[[rotor]]\nposition = [0.2, 0, 0]\n[[rotor]]\nposition = [-0.2, 0, 0]\n"
+
+
+def four_bar(motion: str) -> Any:
+    base = f"[base]\nmotion = {motion}\nmass = 2\ninertia = [0.05, 0.05, 0.05, 0, 0, 0]\n"
+    name = f'name = "four_bar_{len(motion)}"\n'
+    robot = parse_robot(name + base + BARS + LOOP + PAIR * ("pitch" in motion))
+    return emitted_module(robot, "default", "constraints")
+
+
+@pytest.mark.parametrize("motion", ['"fixed"', '["x", "z", "pitch"]'])
+def test_the_driven_joint_follows_and_no_other_is_asked_for_torques(motion: str) -> None:
+    module = four_bar(motion)
+    begin = dict(zip(module.COORDINATES, np.degrees(module.POSTURE), strict=True))["crank"]
+    tables = {"name": "turn", "duration": 0.6, "hold": [{"constraint": "closure"}]}
+    tables["arm"] = {"moves_deg": {"crank": [{"to": begin + 30, "duration": 0.5}]}}
+    tables["integration"] = {"method": "rk4", "step": 0.002}
+    flight = simulate(module, read_scenario(tables))
+    assert not flight.stopped
+    off = np.abs(flight.q - flight.q_desired).max(axis=0)
+    assert off[-3:].max() < 1e-6
+    assert off.max() < 1e-4  # A base that leans follows a plan that is less exact.
+    assert np.ptp(flight.q[:, flight.coordinates.index("crank") + 1]) > 0.3
+    assert np.abs(module.constraint_errors(flight.q)).max() < 1e-5
+    undriven = [module.INPUTS.index(f"tau_{name}") for name in ("coupler", "rocker")]
+    assert np.abs(flight.commanded[:, undriven]).max() < 1e-8
+    # At rest the crank bears by how much it lifts all that moves.
+    if motion == '"fixed"':
+        q, jacobian = flight.q[-1], module.constraint_jacobian(flight.q[-1])
+        turns = np.append(1.0, np.linalg.lstsq(jacobian[:, 1:], -jacobian[:, 0])[0])
+        lift = -module.gravity_forces(q) @ turns
+        np.testing.assert_allclose(flight.applied[-1, 0], lift, rtol=1e-4)
+
+
+def test_loops_that_are_open_or_out_of_reach_are_told(caplog: pytest.LogCaptureFixture) -> None:
+    module = four_bar('"fixed"')
+    tables = {"name": "still", "duration": 0.02, "control": {"law": "off"}}
+    simulate(module, read_scenario(tables))
+    assert caplog.messages[0].startswith("four_bar_7: moves with its loops open: closure; give")
+    for arm, words in (
+        ({"tip": {"kind": "fixed", "position": [0.3, 0, 0.3]}}, "no path leads frames of"),
+        ({"posture_deg": {"crank": 180}}, "t = 0 s its loops do not close, where"),
+    ):
+        with pytest.raises(UsageError, match=words):
+            simulate(module, read_scenario(tables | {"arm": arm}))
