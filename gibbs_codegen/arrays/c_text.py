@@ -611,14 +611,15 @@ class CProgram:
             start = self._same(start)
         # gcc keeps sums of numbers that are wider than registers in memory, but not of their parts.
         in_parts = kind == "number" and all(map(self._has_parts, products))
-        lines = [f"Parts parts = parts_of({start});" if in_parts else f"{kind} {name} = {start};"]
+        parts = f"parts_in_{name}"  # Several sums may stand in one block.
+        lines = [f"Parts {parts} = parts_of({start});" if in_parts else f"{kind} {name} = {start};"]
         for inner, group in itertools.groupby(products, _inner):
             k = self._summed_letter
-            adding, end = ("ADD_IN_PARTS(parts, ", ");") if in_parts else (f"{name} += ", ";")
+            adding, end = (f"ADD_IN_PARTS({parts}, ", ");") if in_parts else (f"{name} += ", ";")
             sums = [f"    {adding}{self._term(y, index, k, in_parts)}{end}" for y in group]
             lines += [f"for (int {k} = 0; {k} < {inner}; ++{k}) {{", *sums, "}"]
         if in_parts:
-            lines.append(f"const number {name} = whole_of(parts);")
+            lines.append(f"const number {name} = whole_of({parts});")
         if not is_kept:
             return lines
         lines.append(f"{self.view(x).entry(index)} = {name};")
@@ -841,7 +842,7 @@ def c_functions(programs: Sequence[Program], prefix: str = "", storage: str = ""
 
 # Names that the text of a program defines, except functions that are written by hand.
 _RESERVED = frozenset((*_FUNCTIONS.values(), "sum", "room", "context", "solve", "same"))
-_RESERVED |= {"real", "number", "constants", "Constants", "part", "parts"}
+_RESERVED |= {"real", "number", "constants", "Constants", "part"}
 _KEYWORDS = """
     auto break case char const continue default do double else enum extern float for goto if inline
     int long register restrict return short signed sizeof static struct switch typedef union
