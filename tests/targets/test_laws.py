@@ -332,6 +332,7 @@ def test_laws_run_on_microcontrollers(case: Case) -> None:
             "fully actuated.*force along x.*choose geometric",
         ),
         ("hexarotor_3link", ["geometric"], ["c"], "command all directions; choose computed_torque"),
+        ("rover_arm", ["geometric"], ["c"], "but there are none; choose computed_torque"),
         (
             "quadrotor",
             ["geometric_force"],

@@ -123,7 +123,7 @@ def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
             lacks = f"the law moves the frame tip, and the frames are {', '.join(frames)}"
             remedy = 'name the frame that it is to move "tip", as a [[frame]] in the robot file'
         raise UsageError(f"--laws {law}: {robot.name}: {lacks}; {remedy}")
-    lacks = f"those of {robot.name} command all directions"
+    lacks = f"those of {robot.name} command all directions" if robot.rotors else "there are none"
     if not full:
         left, names = np.linalg.svd(matrix)[0], [DIRECTIONS[row] for row in rows]
         missing = ", ".join(directions(left[:, reached:], names))
