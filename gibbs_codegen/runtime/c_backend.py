@@ -9,6 +9,7 @@ functions take.
 from __future__ import annotations
 
 import ctypes
+import functools
 import logging
 import math
 import os
@@ -112,6 +113,13 @@ class CompiledConstants:
 def numbers(constants: Constants) -> NDArray[np.float64]:
     """Constants (..., count) as numbers."""
     return np.frombuffer(constants) if isinstance(constants, bytes) else constants
+
+
+@functools.lru_cache(maxsize=64)
+def default_constants(module: ModuleType) -> NDArray[np.float64]:
+    """Constants (count) of the robot file; to prepare them takes as long as a thousand states."""
+    constants = module.prepare({})
+    return np.frombuffer(constants) if isinstance(constants, bytes) else np.array(constants)
 
 
 def _pointer(array: NDArray[np.float64]) -> ctypes.c_void_p:

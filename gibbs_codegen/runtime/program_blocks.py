@@ -19,6 +19,7 @@ from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.errors import UsageError, require
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.runtime.blocks import Blocks
+from gibbs_codegen.runtime.c_backend import default_constants
 from gibbs_codegen.runtime.programs import PREFIX, c_text, called, library
 
 Array = NDArray[np.floating[Any]]
@@ -104,8 +105,8 @@ class BlockProgram:
 
     @cached_property
     def default(self) -> Array:
-        """Constants of the robot file; to prepare them takes as long as a thousand states."""
-        return np.frombuffer(self._module.prepare({})).astype(self._blocks.real)
+        """Constants of the robot file."""
+        return default_constants(self._module).astype(self._blocks.real)
 
     def _owned(self, constants: Mapping[str, Any]) -> list[Array]:
         """Constants of each owner, those of the robot file where none are given."""

@@ -30,7 +30,7 @@ from gibbs_codegen.machine.contact import bristles_of
 from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Surroundings
 from gibbs_codegen.machine.rollout_steps import ALL, Parts, rollout_inputs, rollout_step, sent
 from gibbs_codegen.machine.steps import METHODS
-from gibbs_codegen.runtime.c_backend import Pool
+from gibbs_codegen.runtime.c_backend import Pool, default_constants
 from gibbs_codegen.runtime.c_library import Compiler, chosen_compiler
 from gibbs_codegen.runtime.loaded_module import gravity_of
 from gibbs_codegen.runtime.programs import called, library
@@ -524,19 +524,12 @@ def _constants(problem: Problem) -> Reals:
     """Constants (1 or n, constants) of the states."""
     constants = problem.constants
     if constants is None:
-        return _default_constants(problem.module)
+        return default_constants(problem.module)[np.newaxis]
     if isinstance(constants, bytes):
         constants = np.frombuffer(constants)
     elif isinstance(constants, tuple):
         constants = np.stack(np.broadcast_arrays(*constants), axis=-1)
     return np.atleast_2d(constants)
-
-
-@functools.lru_cache(maxsize=64)
-def _default_constants(module: ModuleType) -> Reals:
-    """Constants (1, constants) of the parameters of the robot file."""
-    constants = module.prepare({})
-    return np.array([np.frombuffer(constants) if isinstance(constants, bytes) else constants])
 
 
 def rollout_function(

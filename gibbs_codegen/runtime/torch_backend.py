@@ -12,6 +12,7 @@ forward derivatives. That takes the operator `gibbs_codegen::call`, which `torch
 from __future__ import annotations
 
 import hashlib
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
@@ -20,11 +21,11 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch.nn.functional import pad
 
 from gibbs_codegen.arrays.backward import gradient
 from gibbs_codegen.arrays.c_text import c_functions
+from gibbs_codegen.arrays.contents import owners_of
 from gibbs_codegen.arrays.forward import along
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import (
@@ -44,7 +45,7 @@ from gibbs_codegen.emitted.preparation import common_shape, real_numbers
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature
 from gibbs_codegen.machine.steps import emitted_step
-from gibbs_codegen.runtime.c_backend import numbers
+from gibbs_codegen.runtime.c_backend import default_constants, numbers
 from gibbs_codegen.runtime.loaded_module import GeneralFunction, LoadedModule
 from gibbs_codegen.runtime.program_blocks import BlockProgram
 
@@ -103,10 +104,7 @@ class TensorProgram:
             if axes < 0 or x.shape[axes:] != shape:
                 state_array(name, np.broadcast_to(0.0, x.shape), *shape)
             leads[name] = x.shape[:axes]
-        try:
-            return torch.broadcast_shapes((), *leads.values())
-        except RuntimeError:
-            return common_shape("leading axes", {name: (*x,) for name, x in leads.items()})
+        return broadcast("leading axes", leads)
 
     def compute(self, operands: Tensors) -> list[torch.Tensor]:
         """Results (..., *shape) in the precision of the operands."""
@@ -205,11 +203,6 @@ class TensorProgram:
         rule = self.rule("along", " ".join(map(str, places)))
         moved = [changes[place] for place in places]
         return tuple(called(rule, [*operands[:count], *moved, *operands[count:]]))
-
-
-def default_constants(module: ModuleType) -> NDArray[np.float64]:
-    """Constants of the robot file."""
-    return numbers(module.prepare({}))
 
 
 class Preparation:
@@ -382,10 +375,13 @@ class TensorFunction:
         """Take a program of entries."""
         text = "\n".join(c_functions([program])) + module.compiled.digest
         digest = hashlib.sha256(text.encode()).hexdigest()[:16]
-        self._key = f"{module.NAME} {key} {digest}"
-        self._program, self._module, self._names = program, module, program.names
-        self._given: dict[tuple[str, ...], TensorProgram] = {
-            (): TensorProgram(program, module, (), self._key)
+        key = f"{module.NAME} {key} {digest}"
+        self._name, self._names, owners = program.name, program.names, owners_of(program)
+        # torch.compile makes none.
+        self._given = {
+            some: TensorProgram(program, module, some, f"{key} of {' '.join(some)}")
+            for count in range(len(owners) + 1)
+            for some in itertools.combinations(owners, count)
         }
 
     def __call__(
@@ -395,18 +391,20 @@ class TensorFunction:
         if named or len(inputs) != len(self._names):
             names = self._names[len(inputs) :]
             if {*names} != {*named} or len(inputs) > len(self._names):
-                raise TypeError(f"{self._program.name} takes {', '.join(self._names)}")
+                raise TypeError(f"{self._name} takes {', '.join(self._names)}")
             inputs = (*inputs, *(named[name] for name in names))
         return self.of_owners(inputs, constants or {})
 
     def of_owners(self, inputs: Sequence[Any], constants: Mapping[str, Any]) -> Any:
         """Results of inputs, with constants of some owners."""
-        owners = tuple(constants)
+        owners = tuple(sorted(constants))
         if owners not in self._given:
-            key = f"{self._key} of {' '.join(owners)}"
-            self._given[owners] = TensorProgram(self._program, self._module, owners, key)
+            known = ", ".join([*self._given][-1]) or "none"
+            raise UsageError(f"{self._name}: constants are of {known}, not of {', '.join(owners)}")
         program = self._given[owners]
-        results = _called(program, tensors(program.names, [*inputs, *constants.values()]))
+        results = _called(
+            program, tensors(program.names, [*inputs, *map(constants.__getitem__, owners)])
+        )
         return results[0] if len(results) == 1 else tuple(results)
 
 
@@ -430,9 +428,19 @@ def tensors(names: Sequence[str], values: Sequence[Any]) -> list[torch.Tensor]:
     return [
         x.to(dtype)
         if isinstance(x, torch.Tensor)
+        else torch.tensor(x, dtype=dtype)
+        if type(x) in (float, int)
         else torch.as_tensor(np.asarray(real_numbers(name, x), dtype=float), dtype=dtype)
         for name, x in zip(names, values, strict=True)
     ]
+
+
+def broadcast(what: str, shapes: Mapping[str, torch.Size]) -> tuple[int, ...]:
+    """The shape that shapes broadcast to, also where they are symbols; else as `common_shape`."""
+    try:
+        return torch.broadcast_shapes((), *shapes.values())
+    except RuntimeError:
+        return common_shape(what, {name: (*shape,) for name, shape in shapes.items()})
 
 
 def torch_module(in_c: ModuleType) -> ModuleType:
@@ -498,7 +506,7 @@ def _prepare(in_c: ModuleType) -> Callable[[Mapping[str, Any]], Any]:
         values = tensors([*parameters], [*parameters.values()])
         dtype = values[0].dtype if values else _DOUBLE
         given = dict(zip(parameters, values, strict=True))
-        shape = common_shape("values", {name: tuple(x.shape) for name, x in given.items()})
+        shape = broadcast("values", {name: x.shape for name, x in given.items()})
         rows = torch.stack(
             [
                 (given[name] if name in given else torch.tensor(x, dtype=dtype)).expand(shape)

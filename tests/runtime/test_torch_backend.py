@@ -98,19 +98,22 @@ def test_derivatives_are_those_of_differences_and_of_the_module(pair: Pair) -> N
 
 @pytest.mark.filterwarnings("ignore:The .grad attribute")  # Of what opcheck makes.
 def test_torch_compile_takes_them_whole(pair: Pair) -> None:
-    def loss(q: Any, v: Any, u: Any) -> Any:
-        return (pair.ours.forward_dynamics(q, v, u) ** 2).sum() + torch.tanh(v).sum()
+    """With numbers beside tensors, and with parameters."""
 
-    given = tensors(pair.numpy, 3)
+    def loss(q: Any, v: Any, u: Any, gravity: Any) -> Any:
+        constants = pair.ours.prepare({"gravity": gravity})
+        a = pair.ours.forward_dynamics(q, v, u, constants=constants)
+        after = pair.ours.step_euler(q, v, u, 0.01)
+        return (a**2).sum() + torch.tanh(v).sum() + sum(x.sum() for x in after)
+
+    gravity = torch.tensor(9.0, dtype=torch.float64, requires_grad=True)
+    given = [*tensors(pair.numpy, 3), gravity]
     right = torch.autograd.grad(loss(*given), given)
     compiled = torch.compile(loss, fullgraph=True, backend="aot_eager")
     for ours, values in zip(torch.autograd.grad(compiled(*given), given), right, strict=True):
         assert torch.equal(ours, values)
-    (key,) = (
-        key for key, x in torch_backend._KNOWN.items() if "dynamics " in key and "|" not in key
-        if x._program.name == "forward_dynamics" and x._module is pair.ours.in_c
-    )  # fmt: skip
-    torch.library.opcheck(torch_backend.call, (given, key))
+    key = pair.ours.forward_dynamics._on_tensors._given[()].key
+    torch.library.opcheck(torch_backend.call, (given[:3], key))
     with pytest.raises(UsageError, match="load the module"):
         torch_backend.call(given, "unheard of")
 
@@ -220,6 +223,10 @@ def test_doubles_are_read_where_they_are(pair: Pair, monkeypatch: pytest.MonkeyP
 def test_arguments_are_refused_as_by_the_numpy_module(pair: Pair) -> None:
     numpy, ours = pair
     q, v, u = state(numpy, "forward_dynamics")
+    with pytest.raises(UsageError, match="constants are of none, not of robot"):
+        differentiable(Program("f", (x := variable("x"),), {"y": x}), ours)(
+            1.0, constants={"robot": 1}
+        )
     for given in ((q[:-1], v, u), (q, v, 1j * u), (q, v, ["text"] * len(u))):
         with pytest.raises((TypeError, ValueError)) as expected:
             numpy.forward_dynamics(*given)
