@@ -157,7 +157,7 @@ def identify(
         The numbers.
 
     Raises:
-        UsageError: If a log or a pattern is not of the robot, or it has wheels or constraints.
+        UsageError: If a log or a pattern is not of the robot, or it has wheels or loops.
     """
     module = identifiable(robot)
     if not prior > 0.0 or not 0.0 <= hold_out <= 0.9:
@@ -232,13 +232,13 @@ def identify(
 
 
 def identifiable(robot: ModuleType | str | os.PathLike[str]) -> ModuleType:
-    """The module of a robot; `UsageError` if it is on wheels or has constraints."""
+    """The module of a robot; `UsageError` if it is on wheels or has loops of a mechanism."""
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     layout = RobotData(module).layout
     if layout.has_drive or layout.q.wheels:
         raise UsageError(f"{module.NAME}: identify is not for robots on wheels")
-    if getattr(module, "CONSTRAINTS", ()):
-        raise UsageError(f"{module.NAME}: has constraints, whose forces no log tells")
+    if getattr(module, "LOOPS", ()):
+        raise UsageError(f"{module.NAME}: has a mechanism with loops, whose forces no log tells")
     return module
 
 

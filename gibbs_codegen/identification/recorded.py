@@ -115,8 +115,13 @@ def cut(recording: Recording, parts: Sequence[slice]) -> list[Recording]:
 def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
     """What a flight tells: its IMUs and encoders, and coordinates that no encoder reads.
 
-    Raises `UsageError` where it is not of the robot.
+    Raises `UsageError` where it is not of the robot, or constraints hold.
     """
+    if flight.held:
+        raise UsageError(
+            f"{source}: {', '.join(flight.held)} held the robot, by forces that no log tells; "
+            "give a flight without [[hold]]"
+        )
     if flight.coordinates != module.COORDINATES:
         raise UsageError(
             f"{source}: is a flight of {flight.robot}, whose coordinates are not those of "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -177,7 +178,9 @@ def test_a_bag_tells_what_the_flight_does_though_its_pose_is_late(module, flight
     np.testing.assert_allclose(part.imus["base"][seen], felt[seen], atol=1e-9)
 
 
-def test_what_is_not_taken_is_refused(tmp_path: Path) -> None:
+def test_what_is_not_taken_is_refused(module, flight, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="grip held the robot, by forces that no log tells"):
+        identify(module, replace(flight, held=("grip",)), free=["base_mass"])
     (tmp_path / "log.ulg").write_bytes(b"")
     refused = run("identify", "quadrotor", "log.ulg", cwd=tmp_path)
     assert refused.returncode == 2
