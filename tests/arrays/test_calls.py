@@ -175,10 +175,16 @@ def test_gradients_have_second_derivatives(name: str, attitude: str) -> None:
     bars = getattr(robot, f"{name}_vjp")(q, v, last, w)
     program = Program("pull", (q, v, last, w), dict(zip("qvu", bars, strict=True)))
     given = values_of(module, program)
+    random = np.random.default_rng(9)
+    weights = {f"{x}_bar": random.normal(size=y.tangent) for x, y in program.outputs.items()}
     found = evaluate(jacobian(program, program.names), given, {"robot": module})
+    found |= evaluate(gradient(program, program.names), given | weights, {"robot": module})
     for by in program.names:
-        for output, slope in complex_slopes(module, program, given, by).items():
+        slopes = complex_slopes(module, program, given, by)
+        for output, slope in slopes.items():
             close(found[f"{output}_by_{by}"], slope, 1e-11, f"{output} by {by}")
+        wanted = sum(weights[f"{output}_bar"] @ slope for output, slope in slopes.items())
+        close(found[f"{by}_bar"], wanted, 1e-11, by)
 
 
 def test_gradients_by_parameters_are_those_of_complex_steps() -> None:
