@@ -97,6 +97,12 @@ def circle(radius: float, period: float) -> dict[str, Any]:
     return {"attitude": TANGENT, "path": path | {"phase_deg": -90}}
 
 
+def wheel_torques(speed: float, rate: float) -> list[float]:
+    """Those of the cart on a circle: they push with τ / r, each on its side."""
+    force, moment = -MASS * AHEAD * rate**2, MASS * AHEAD * speed * rate
+    return [0.5 * RADIUS * (force + side * moment / WIDTH) for side in (-1.0, 1.0)]
+
+
 def straight(speed: float) -> dict[str, Any]:
     """The table of a path along x at one speed."""
     points = [[0, 0, 0], [10.0 * speed, 0, 0]]
@@ -110,10 +116,8 @@ def test_torques_of_wheels_on_a_circle(tmp_path: Path) -> None:
     """The centre of mass is pulled inwards, and back; wheels turn as their rims roll."""
     speed, rate = 2.0 * np.pi * 1.5 / 8.0, 2.0 * np.pi / 8.0
     flight = driven(cart(), 0.4, circle(1.5, 8.0))
-    force, moment = -MASS * AHEAD * rate**2, MASS * AHEAD * speed * rate
-    # They push with τ / r, each on its side.
-    left, right = (0.5 * RADIUS * (force + side * moment / WIDTH) for side in (-1.0, 1.0))
-    np.testing.assert_allclose(flight.applied, np.tile([left, right], (len(flight.time), 1)), 1e-7)
+    torques = np.tile(wheel_torques(speed, rate), (len(flight.time), 1))
+    np.testing.assert_allclose(flight.applied, torques, 1e-7)
     rolled = np.outer(flight.time, speed + rate * WIDTH * np.array([-1.0, 1.0])) / RADIUS
     np.testing.assert_allclose(flight.q[:, 3:], rolled, atol=1e-8)
     np.testing.assert_allclose(flight.q_desired[:, 3:], rolled, atol=1e-8)
@@ -220,6 +224,12 @@ def test_trims_of_rest_and_of_rolling() -> None:
     np.testing.assert_allclose(rolling.v, [0.6, 0.0], atol=1e-15)
     with pytest.raises(UsageError, match="its base does not move along these"):
         trim(damped, velocity=[0, 0.6, 0])
+    # Round a circle the centre of mass is pulled inwards, and back.
+    turning, speed = 0.8, 0.6
+    round_about = trim(cart(), velocity=[speed, 0, 0], turning=turning)
+    np.testing.assert_allclose(round_about.v, [speed, turning], atol=1e-14)
+    np.testing.assert_allclose(round_about.a, 0.0, atol=1e-14)
+    np.testing.assert_allclose(round_about.u, wheel_torques(speed, turning), rtol=1e-12)
 
 
 def test_robot_files_tell_what_wheels_do(tmp_path: Path) -> None:

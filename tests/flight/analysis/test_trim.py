@@ -96,6 +96,28 @@ def test_a_tilt_accelerates(shipped: Load) -> None:
     assert np.sum(found.u) * up == pytest.approx(1.5 * np.array([0, 2, GRAVITY + 1]), abs=1e-9)
 
 
+@pytest.mark.parametrize("name", ["quadrotor", "dual_arm"])
+def test_a_base_leans_into_a_circle(shipped: Load, name: str) -> None:
+    """By tan φ = r ω²/g, r of the centre of mass; in steps of time it goes round."""
+    robot, speed, turning = shipped(name), 3.0, 0.7
+    found = trim(robot, ROBOTS.get(name), velocity=[speed, 0, 0], turning=turning)
+    assert found.residual < 1e-9
+    radius = speed / turning - robot.centre_of_mass(found.q)[1]
+    up = robot.frame_poses(found.q)[0, :3, 2]
+    assert up[1] / up[2] == pytest.approx(radius * turning**2 / GRAVITY, rel=1e-8)
+    q, v, h = found.q, found.v, 1e-3
+    for _ in range(500):
+        middle = v + 0.5 * h * robot.forward_dynamics(q, v, found.u)
+        q, v = (
+            robot.integrate(q, h * middle),
+            v + h * robot.forward_dynamics(robot.integrate(q, 0.5 * h * v), middle, found.u),
+        )
+    moved = robot.frame_poses(q)[0, :2, 3] - robot.frame_poses(found.q)[0, :2, 3]
+    angle = turning * 500 * h
+    round_about = speed / turning * np.array([np.sin(angle), 1.0 - np.cos(angle)])
+    np.testing.assert_allclose(moved, round_about, atol=1e-4)
+
+
 def test_a_fully_actuated_base_stays_level_under_a_push(shipped: Load) -> None:
     module = shipped("hextilt_flying_arm_5")
     push = [1.0, 0.5, 0.0, 0.05, 0.0, 0.0]
