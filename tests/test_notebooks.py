@@ -16,6 +16,7 @@ NAMES = (
     "06_your_own_controller",
     "07_derivatives",
     "08_other_bases",
+    "09_from_a_log_to_a_robot_file",
     "appendix_from_symbols_to_code",
 )
 

@@ -154,6 +154,27 @@ def test_a_robot_file_may_be_far_off(module, flight, identified, tmp_path: Path)
     np.testing.assert_allclose(again.values, identified.values, rtol=0.03, atol=1e-4)
 
 
+@pytest.mark.slow  # 15 s, most of it in the fit; inline: the mass matrix in test_numbers.py.
+def test_a_load_is_weighed_by_an_ordinary_flight(tmp_path: Path, caplog) -> None:
+    """Twenty seconds of the scenario `circle`, with 150 g at the tip, 180 mm below the joint."""
+    module = load(generate(ROBOT, tmp_path, keep_zeros=True, verify=False), backend="c")
+    changes = {
+        "duration": 20,
+        "payload": [{"frame": "tip", "mass": 0.15}],
+        "control": {"rate": 200},
+        "integration": {"method": "rk4", "step": 0.0025, "rate": 200},
+        "sensors.imu": [{"rate": 200, "accelerometer_noise": 0.007, "gyroscope_noise": 0.0007}],
+        "sensors.encoders": [{"rate": 100, "resolution": 1.5e-3}],
+    }
+    flight = simulate(module, read_scenario("circle", changes))
+    assert "instead of C" not in caplog.text
+    found = identify(module, flight, ["payload.forearm"])
+    assert found.values[0] == pytest.approx(0.15, rel=0.01)
+    tip = module.PARAMETERS["frame_tip_z"]
+    np.testing.assert_allclose(found.values[1:], [0.0, 0.0, tip], atol=2e-3)
+    assert "payload.forearm_mass 0.15" in found.robot_file
+
+
 def later(samples: Samples) -> Samples:
     return samples._replace(time=samples.time + round(DELAY * 1e9))
 

@@ -171,3 +171,34 @@ def test_what_is_unseen_is_said_of_values_not_of_factors_of_inertia(module) -> N
 def test_a_wrong_name_lists_what_can_be_free(module) -> None:
     with pytest.raises(UsageError, match=r"has none.*Free by default are rotors\.drag"):
         Unknowns(module, ["rotors.bogus"], 0.3)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("modules")
+    return load(generate("quadrotor_arm_2link", folder, keep_zeros=True, verify=False))
+
+
+def test_a_load_is_a_point_on_its_body(whole) -> None:
+    """It adds m JᵀJ of its place, the tip here, to the mass matrix."""
+    unknowns = Unknowns(whole, ["payload.forearm"], 0.3)
+    assert unknowns.names == [f"payload.forearm_{end}" for end in ("mass", "x", "y", "z")]
+    np.testing.assert_array_equal(unknowns.before(), 0.0)
+    z = np.array([0.1, 0.0, 0.0, 0.3 * whole.PARAMETERS["frame_tip_z"] / 0.1])
+    mass, *_, height = unknowns.values(z)
+    assert height == pytest.approx(whole.PARAMETERS["frame_tip_z"])
+    q = np.random.default_rng(0).standard_normal(len(whole.COORDINATES))
+    q[3:7] /= np.linalg.norm(q[3:7])
+    jacobian = whole.frame_jacobians(q)[whole.FRAMES.index("tip")][:3]
+    carried = whole.mass_matrix(q, constants=whole.prepare(unknowns.parameters(z)))
+    np.testing.assert_allclose(
+        carried - whole.mass_matrix(q), mass * jacobian.T @ jacobian, atol=1e-14
+    )
+
+
+def test_a_load_needs_all_numbers_of_its_body(tmp_path) -> None:
+    module = load(generate("quadrotor_arm_2link", tmp_path, verify=False))
+    with pytest.raises(UsageError, match="has no forearm_com_x, which a load changes"):
+        Unknowns(module, ["payload.forearm"], 0.3)
+    with pytest.raises(UsageError, match="has none"):
+        Unknowns(module, ["payload.tip"], 0.3)
