@@ -110,7 +110,7 @@ def along(program: Program, by: Iterable[str], name: str) -> Program:
 
 def moved(results: Mapping[str, Node], directions: Mapping[Node, Node]) -> dict[str, Node]:
     """Displacements (…, k) of results along k directions (…, k) of nodes of which they are made."""
-    derivatives = _derivatives(nodes.ordered(results.values()), {**directions})
+    derivatives = _derivatives(nodes.ordered(results.values(), directions), {**directions})
     columns = next(iter(directions.values())).shape[-1]
     return {
         name: derivatives.get(x) or nodes.zeros(*x.tangent, columns) for name, x in results.items()

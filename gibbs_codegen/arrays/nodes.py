@@ -15,7 +15,7 @@ is `Node(Elementary("multiply"), (constant(2.0), Node(Part(0, 2), (x,), (2,))), 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from threading import Lock
@@ -771,13 +771,13 @@ def substituted(program: Program, arguments: Mapping[Node, Node]) -> dict[str, N
     return {name: made[x] for name, x in program.outputs.items()}
 
 
-def ordered(results: Iterable[Node]) -> list[Node]:
-    """All nodes of which results are made, each after its arguments."""
+def ordered(results: Iterable[Node], known: Container[Node] = ()) -> list[Node]:
+    """Nodes of which results are made, each after its arguments, without what is `known`."""
     nodes_in_order: dict[Node, None] = {}
     stack = [(x, False) for x in reversed(list(results))]
     while stack:
         x, has_arguments = stack.pop()
-        if x in nodes_in_order:
+        if x in nodes_in_order or x in known:
             continue
         if has_arguments:
             nodes_in_order[x] = None

@@ -193,6 +193,10 @@ class StateFilter:
         where = nodes.constant(sign * np.eye(reading.size)[:, list(biased)])
         return reading + where @ self._part(f"{name}_bias")
 
+    def _turn(self, q: Node, frame: int) -> Node:
+        """The rotation (3, 3) of a frame."""
+        return rotation_of(self.robot.frame_poses(q)[frame])
+
     def _lead(self) -> Program:
         """A step of h between two readings of an IMU, `reading` (6) and the one `before` (6).
 
@@ -202,49 +206,49 @@ class StateFilter:
         frame, h = self.sensors[self.leads].at.frame, nodes.variable("h", uniform=True)
         last, now = (nodes.variable(name, 6) for name in ("before", "reading"))
         felt, then = (self._unbiased(self.leads, reading) for reading in (last, now))
-        size = v.size
-        units = np.eye(size)[robot.layout.v.base]
-        of_joints = nodes.constant(1.0 - units.sum(axis=0)) * v
-
-        def turn(q: Node) -> Node:
-            return rotation_of(robot.frame_poses(q)[frame])
-
-        def twist(q: Node, v: Node) -> Node:
-            found: Node = robot.frame_velocities(q, v)[frame]
-            return found
-
-        def after(ends: Node) -> Node:
-            """Velocities (nv) at the end, where the coordinates are about `ends`."""
-            mean = 0.5 * (turn(q) @ felt[:3] + turn(ends) @ then[:3]) + gravity
-            moving = nodes.join(twist(q, v)[:3] + h * mean, turn(ends) @ then[3:])
-            columns = [twist(ends, nodes.constant(unit)) for unit in units]
-            rows = nodes.join(*(nodes.reshaped(column, (1, 6)) for column in columns))
-            moving = rows @ (moving - twist(ends, of_joints))
-            # Squared, since C eliminates without exchanges.
-            base = nodes.solve(rows @ rows.transposed, moving)
-            return of_joints + nodes.constant(units.T) @ base
-
-        ends = robot.integrate(q, h * v)
-        for _ in range(2):  # The second time the end is right to second order.
-            v_next = after(ends)
-            ends = robot.integrate(q, 0.5 * h * (v + v_next))
+        own = nodes.constant(np.eye(v.size)[robot.layout.v.base])
+        kept = nodes.constant(np.eye(v.size)) - own.transposed @ own
         errors = nodes.constant(np.eye(self.size + 6))
-        along = {q: errors[:size], v: errors[size : 2 * size]}
+        of_q, of_v = errors[: v.size], errors[v.size : self.loaded]
         # What a reading errs by counts half in this step, and half in the next.
-        along |= dict.fromkeys((last, now), errors[self.size :])
+        along = {q: of_q, v: of_v} | dict.fromkeys((last, now), errors[self.size :])
         if "biases" in self.state:
             along[self.state["biases"]] = errors[self.loaded : self.size]
+        start, velocity = self._turn(q, frame) @ felt[:3], robot.frame_velocities(q, v)[frame][:3]
+
+        def displaced(by: Node, of_by: Node) -> tuple[Node, Node]:
+            """Coordinates after a displacement (nv), and how errors displace them."""
+            ends = robot.integrate(q, by)
+            return ends, moved({"ends": ends}, {q: of_q, by: of_by})["ends"]
+
+        v_next = v
+        for _ in range(2):  # The second time the end is right to second order.
+            ends, of_ends = displaced(0.5 * h * (v + v_next), h * of_v)
+            turn, slope = self._turn(ends, frame), robot.frame_jacobians(ends)[frame]
+            mean = 0.5 * (start + turn @ then[:3]) + gravity
+            twist = nodes.join(velocity + h * mean, turn @ then[3:])
+            base = own @ slope.transposed
+            # Squared, since C eliminates without exchanges.
+            square = base @ base.transposed
+            rest = base @ (twist - slope @ (kept @ v))
+            v_next = kept @ v + own.transposed @ nodes.solve(square, rest)
+        missing = {"twist": twist - robot.frame_velocities(ends, v_next)[frame]}
+        along |= {ends: of_ends, v_next: kept @ of_v}
+        of_base = nodes.solve(square, base @ moved(missing, along)["twist"])
+        of_next = kept @ of_v + own.transposed @ of_base
+        ends, of_ends = displaced(0.5 * h * (v + v_next), 0.5 * h * (of_v + of_next))
         outputs = {"q_next": ends, "v_next": v_next}
-        slopes = nodes.join(*moved(outputs, along).values(), errors[self.loaded : self.size])
+        slopes = nodes.join(of_ends, of_next).transposed
         covariance = nodes.variable("covariance", self.size, self.size)
         variances, noise = (
             nodes.variable(name, count, uniform=True)
             for name, count in (("variances", 6), ("noise", self.size))
         )
-        by_errors, by_reading = slopes.transposed[: self.size], slopes.transposed[self.size :]
-        grown = by_errors.transposed @ (covariance @ by_errors)
-        grown = grown + by_reading.transposed @ (_diagonal(variances) @ by_reading)
-        grown = 0.5 * (grown + grown.transposed) + _diagonal(h * noise)
+        by_errors, by_reading = slopes[: self.size], slopes[self.size :]
+        rows = covariance @ by_errors
+        corner = by_errors.transposed @ rows
+        corner = corner + by_reading.transposed @ (_diagonal(variances) @ by_reading)
+        grown = _joined(covariance, rows, corner) + _diagonal(h * noise)
         inputs = *self.state.values(), covariance, last, now, variances, gravity, h, noise
         outputs |= {"covariance_next": grown}
         return from_derivatives(Program(f"{self.name}_predict", inputs, outputs))
@@ -259,7 +263,7 @@ class StateFilter:
         slope = nodes.beside(*(found[f"a_by_{name}"] for name in by))
         q, v, a, h = moving.q, moving.v, found["a"], nodes.variable("h", uniform=True)
         after = {"q_next": robot.integrate(q, h * (v + 0.5 * h * a)), "v_next": v + h * a}
-        count, loaded = self.places["v"].stop, self.loaded
+        loaded = self.loaded
 
         def ahead(errors: Node) -> Node:
             """Errors of q and v (nd + nv, k) after a step, of those of q, v and loads before."""
@@ -269,13 +273,7 @@ class StateFilter:
         covariance = nodes.variable("covariance", self.size, self.size)
         noise = nodes.variable("noise", self.size, uniform=True)
         rows = ahead(covariance[:loaded]).transposed
-        corner = ahead(rows[:loaded])
-        grown = 0.5 * (corner + corner.transposed)
-        if self.size > count:
-            side, still = rows[count:], covariance[count:].transposed[count:]
-            grown = nodes.join(
-                nodes.join(grown, side).transposed, nodes.join(side.transposed, still).transposed
-            )
+        grown = _joined(covariance, rows, ahead(rows[:loaded]))
         outputs = after | {"covariance_next": grown + _diagonal(h * noise)}
         inputs = *(state[name] for name in by), covariance, *given, h, noise
         return from_derivatives(Program(f"{self.name}_predict", inputs, outputs))
@@ -346,6 +344,16 @@ def filter_functions(robot: Functions, leads: str = "") -> list[CFunction]:
         explained = {x: words for x, words in _GIVEN.items() if x in values}
         functions.append(CFunction(program, does, state, explained))
     return functions
+
+
+def _joined(covariance: Node, rows: Node, corner: Node) -> Node:
+    """A covariance of which a corner (k, k), and the columns (n, k) through it, are new."""
+    count, grown = corner.shape[0], 0.5 * (corner + corner.transposed)
+    if count == covariance.shape[0]:
+        return grown
+    side, still = rows[count:], covariance[count:].transposed[count:]
+    above = nodes.join(grown, side).transposed
+    return nodes.join(above, nodes.join(side.transposed, still).transposed)
 
 
 def _diagonal(x: Node) -> Node:
