@@ -382,7 +382,7 @@ def _identify(parser: Parser) -> None:
     parser.add(
         *("--free", "PATTERN"),
         "parameters that are free, such as forearm_mass or '*_com_?', and rotors.drag of all "
-        "rotors alike; may be repeated (default: all that no ruler tells)",
+        "rotors alike, payload.LINK of a load; may be repeated (default: all that no ruler tells)",
         action="append",
         default=[],
     )

@@ -29,8 +29,12 @@ def run(options: argparse.Namespace) -> int:
     check_logs(options.logs)
     if bool(options.logs) == bool(options.design):
         raise UsageError("give a LOG to identify from, or --design FILE for a motion that tells")
+    loaded = any(pattern.startswith("payload.") for pattern in options.free)
     with (
-        robot_argument.found_module(options.robot, terminal.progress()) as (folder, _),
+        robot_argument.found_module(options.robot, terminal.progress(), keep_zeros=loaded) as (
+            folder,
+            _,
+        ),
         terminal.progress_bar() as progress,
     ):
         module, free, prior = load(folder, "c"), options.free, options.prior

@@ -110,13 +110,15 @@ def found_module(
     derivatives: Sequence[str] = (),
     functions: Sequence[str] | None = None,
     check: Callable[[RobotData], None] | None = None,
+    keep_zeros: bool = False,
 ) -> Iterator[tuple[Path, bool]]:
     """The folder of the module that a word, as of `find_robot`, names, and whether it is kept.
 
     A folder of that path, or of that name in generated/, comes first: it is a module, or what is
     left of one. For any other robot a module is generated, with some `derivatives` and `functions`,
-    or those by default, its steps shown by `progress`, and removed on leaving. Errors are those of
-    `find_robot`, and of `check`, which comes first.
+    or those by default, with parameters that are zero too if `keep_zeros`, its steps shown by
+    `progress`, and removed on leaving. Errors are those of `find_robot`, and of `check`, which
+    comes first.
     """
     if check is not None:
         from gibbs_codegen.flight.sweeps.sources import robot_data
@@ -138,5 +140,6 @@ def found_module(
                 verify=False,
                 derivatives=derivatives,
                 functions=functions,
+                keep_zeros=keep_zeros,
             )
         yield folder, False

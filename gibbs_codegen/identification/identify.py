@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
 
@@ -27,15 +26,13 @@ from gibbs_codegen.identification.recorded import (
     recording_of,
     recordings_of,
 )
-from gibbs_codegen.identification.regression import Regression, delayed
+from gibbs_codegen.identification.regression import Regression
 from gibbs_codegen.identification.report import html_report, text_report
 from gibbs_codegen.identification.robot_file import with_numbers
 from gibbs_codegen.identification.smoothing import Estimate, Smoother
 from gibbs_codegen.identification.unknowns import Unknowns
 from gibbs_codegen.robot.parts.base import FIXED
 from gibbs_codegen.runtime.load import load
-
-_log = logging.getLogger("gibbs_codegen")
 
 Progress = Callable[[str, float], None]
 Log = Flight | Recording | str | os.PathLike[str]
@@ -191,12 +188,6 @@ def identify(
         return _without_pose(regression, ahead, sources)
     y, _ = regression.run()
     begin = y[:-1] * bool(np.any(np.abs(y[:-1]) > _FAR * prior))
-    if delay := regression.sure_delay(y):
-        _log.warning("readings are %.4f s later than commands, which is taken back", delay)
-        used, rest = (
-            [replace(r, commands=delayed(r.commands, delay / r.step)) for r in parts]
-            for parts in (used, rest)
-        )
 
     def fitted(
         parts: Sequence[Recording], start: Array | None, what: str, numbers: bool = True
@@ -347,7 +338,8 @@ def _identified(
     values, deviations = unknowns.values(z), np.sqrt(np.diag(covariance))
     source = ", ".join(sources)
     words = {
-        member: f"{value:.5g} ± {deviation:.2g}, identified from {source}"
+        member: f"{name} " * ("payload." in name)
+        + f"{value:.5g} ± {deviation:.2g}, identified from {source}"
         for name, value, deviation in zip(unknowns.names, values, deviations, strict=True)
         for member in unknowns.members(name)[:1]
     }
@@ -365,7 +357,7 @@ def _identified(
         module.NAME,
         source,
         tuple(unknowns.names),
-        unknowns.values(np.zeros_like(z)),
+        unknowns.before(),
         values,
         deviations,
         covariance,

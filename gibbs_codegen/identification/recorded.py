@@ -43,6 +43,8 @@ _THIRD, _BY_MEDIAN = 20.0, 1.4826
 # Commands that are late by more, s, are unknown; steps in which delays of sensors are looked for,
 # their number, and the share of their variance by which turn rates may differ.
 _GAP, _FINE, _MOST_LAGS, _UNLIKE = 0.2, 2e-3, 100, 0.3
+# Time from command to command, s, that tells little of motors.
+_SELDOM = 0.03
 # Steps that differ by more than this share of the whole are no grid.
 _UNEVEN = 0.02
 
@@ -168,6 +170,11 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
     spacing = {name: float(np.median(np.diff(s.time))) * 1e-9 for name, s in series.items()}
     rates = ", ".join(f"{title(name)} {1.0 / x:.4g}" for name, x in spacing.items())
     _log.info("%s: samples a second: %s", source, rates)
+    if (seldom := max(x for name, x in spacing.items() if name[0] == "u")) > _SELDOM:
+        words = (
+            "%s: commands are logged %.3g times a second: of lags and quick motion it tells little"
+        )
+        _log.warning(words, source, 1.0 / seldom)
     step = max(_SHORTEST, min(x for name, x in spacing.items() if name[0] != "u"))
     begin, end = (f(s.time[k] for s in series.values()) for f, k in ((max, 0), (min, -1)))
     grid = begin + np.round(np.arange(0.0, (end - begin) * 1e-9, step) * 1e9).astype(np.int64)

@@ -23,8 +23,8 @@ from gibbs_codegen.identification.unknowns import Unknowns
 _FAST, _SLOW = 10.0, 2.0
 # Samples of a period of what is left, s at both ends that filters spoil, outliers by deviations.
 _SAMPLES, _EDGE, _OUTLIER = 5, 0.4, 3.0
-# The deviation of a delay, s, before a log tells it, and of its own the fewest that it is.
-_DELAY, _SURE = 0.02, 5.0
+# The deviation of a delay, s, before a log tells it; none where poses tell what a lag does.
+_DELAY, _NO_DELAY = 0.02, 1e-9
 # Changes of unknowns, and of the delay over its deviation: for differences, at most, and that are
 # none; iterations at most.
 _DIFFERENCE, _MOST, _SETTLED, _ITERATIONS = 1e-4, 0.7, 1e-3, 25
@@ -53,8 +53,9 @@ class Regression:
         self._felt = [k for k in range(logs[0].felt.shape[1] * self.blind) if k % 6 < 3]
         self.names = [f"acceleration along {model.module.VELOCITIES[k]}" for k in self._places]
         self.names += [f"accelerometer, {'xyz'[k % 6]}" for k in self._felt]
-        self.prior = np.array([*[unknowns.prior] * len(unknowns.names), _DELAY])
-        self._sizes = np.array([*[1.0] * len(unknowns.names), _DELAY])
+        delay = _DELAY if self.blind else _NO_DELAY
+        self.prior = np.array([*[unknowns.prior] * len(unknowns.names), delay])
+        self._sizes = np.array([*[1.0] * len(unknowns.names), delay])
         self._states = [
             {
                 "q": log.guess,
@@ -83,7 +84,7 @@ class Regression:
         fixed = {"gravity": 0.0} if self.blind else {}
         machine = self.model.machine(self.unknowns.parameters(y[:-1]) | fixed)
         for log, state in zip(self.logs, self._states, strict=True):
-            commands = delayed(log.commands, float(y[-1]) / self.model.h)
+            commands = _delayed(log.commands, float(y[-1]) / self.model.h)
             x = self.model.levels(commands, machine.constants)
             after, felt = self.model({**state, "x": x}, machine, command=commands, drag=0.0)
             rows.append(self._passed((after["v"] - state["v"])[:-1], felt))
@@ -123,13 +124,8 @@ class Regression:
         inverse = np.linalg.inv(normal)
         return np.asarray(inverse @ (sums.T @ sums + np.diag(self.prior**-2)) @ inverse)
 
-    def sure_delay(self, y: Array) -> float:
-        """The delay, s; 0 if it may be none, or is shorter than samples tell."""
-        least = max(_SURE * np.sqrt(self.covariance(y)[-1, -1]), 0.25 * self.model.h)
-        return float(y[-1]) if abs(y[-1]) > least else 0.0
 
-
-def delayed(commands: Array, samples: float) -> Array:
+def _delayed(commands: Array, samples: float) -> Array:
     """Commands (s, nu) that many samples later, the first until then."""
     times = np.arange(len(commands))
     return np.stack([np.interp(times - samples, times, column) for column in commands.T], axis=1)

@@ -3,7 +3,8 @@
 An unknown z is 0 in the robot file. A number is that of the file times exp(z), and a coordinate of
 a centre of mass is it plus z times the radius of gyration. So what is positive stays so. The
 moments of inertia of a body are free together: z are logarithms of the Cholesky factor of its
-second moments about the centre of mass, so that every z is a body that can be.
+second moments about the centre of mass, so that every z is a body that can be. What a body carries
+is a point: a part of its mass times exp(z) to begin with, anywhere around its origin.
 """
 
 from __future__ import annotations
@@ -20,15 +21,18 @@ from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.robot.names import default_prefix
 from gibbs_codegen.robot.parts.base import FIXED
 from gibbs_codegen.robot.parts.body import entries_of, inertia_matrix
-from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS
+from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, XYZ
 
 # Free by default: what no ruler tells.
 _FREE = re.compile(
     r"(mass|com_[xyz]|inertia_(xx|yy|zz|xy|xz|yz)|mass_per_length|thrust_\d|drag|time_constant"
     r"|damping|friction_\w+|servo_(stiffness|damping|delay))$"
 )
-# What numbers of all rotors together are called.
-_ROTORS = "rotors"
+# What numbers of all rotors together are called, and those of what a body carries.
+_ROTORS, _PAYLOAD = "rotors", "payload"
+# Of a load the mass to begin with, as a share of its body's, and deviations of the prior: of the
+# logarithm of its mass, and of its place, m.
+_LIGHT, _ANY_MASS, _ANYWHERE = 0.1, 1.5, 0.1
 # Share of the trace that is added to second moments of bodies of no extent along an axis.
 _THIN = 1e-9
 _LOWER = np.tril_indices(3, -1)
@@ -48,7 +52,7 @@ class Unknowns:
     def __init__(self, module: ModuleType, free: Sequence[str], prior: float) -> None:
         self.module, self.prior = module, prior
         self.file = {name: float(value) for name, value in module.PARAMETERS.items()}
-        self._members = self._ties() | {name: (name,) for name in self.file}
+        self._members = self._ties() | {name: (name,) for name in self.file} | self._loads()
         self.names = self._chosen(free)
         if not self.names:
             raise UsageError(
@@ -56,7 +60,9 @@ class Unknowns:
             )
         self._bodies, self._scales = self._bodies_of(), dict[str, float]()
         for name in self.names:
-            if "_com_" in name:
+            if name.startswith(f"{_PAYLOAD}."):
+                self._begin_load(name)
+            elif "_com_" in name:
                 self._scales[name] = self._gyration(name.partition("_com_")[0])
             elif any(self.file[member] == 0.0 for member in self._members[name]):
                 raise UsageError(
@@ -75,13 +81,35 @@ class Unknowns:
         rows = {end: tuple(f"{prefix}_{end}" for prefix in prefixes) for end in ends}
         return {f"{_ROTORS}.{end}": row for end, row in rows.items() if {*row} <= self.file.keys()}
 
+    def _loads(self) -> dict[str, tuple[str, ...]]:
+        """By numbers of loads those of their bodies in which they are."""
+        bodies = [name.removesuffix("_mass") for name in self.file if name.endswith("_mass")]
+        ends = {"mass": "mass", **{axis: f"com_{axis}" for axis in XYZ}}
+        return {
+            f"{_PAYLOAD}.{body}_{end}": (f"{body}_{of_body}",)
+            for body in bodies
+            for end, of_body in ends.items()
+        }
+
+    def _begin_load(self, name: str) -> None:
+        """Give a number of a load a value to begin with, and what its unknown is times."""
+        body, _, end = name.removeprefix(f"{_PAYLOAD}.").rpartition("_")
+        if lacking := [number for number in _numbers_of(body) if number not in self.file]:
+            raise UsageError(
+                f"--free {name}: {self.module.NAME} has no {lacking[0]}, which a load changes; "
+                "generate it with --all-parameters"
+            )
+        self.file[name] = _LIGHT * self.file[f"{body}_mass"] if end == "mass" else 0.0
+        self._scales[name] = (_ANY_MASS if end == "mass" else _ANYWHERE) / self.prior
+
     def _chosen(self, free: Sequence[str]) -> list[str]:
         """Names that patterns choose, in the order of the file."""
-        tied = {member for name, row in self._members.items() if "." in name for member in row}
+        tied = {m for name, row in self._members.items() if name.startswith(_ROTORS) for m in row}
         untold = [
             name
             for name, row in self._members.items()
             if _FREE.search(name)
+            and not name.startswith(f"{_PAYLOAD}.")
             and all(self.file[n] != 0.0 or "_com_" in n for n in row)
             # A base that stays where it is weighs on the ground alone.
             and not (name.startswith("base_") and self.module.ATTITUDE == FIXED)
@@ -91,7 +119,13 @@ class Unknowns:
             return by_default
         chosen = dict[str, None]()
         for pattern in free:
-            names = [name for name in self._members if fnmatchcase(name, pattern)]
+            whole = f"{pattern}_*" if pattern.startswith(f"{_PAYLOAD}.") else pattern
+            names = [
+                name
+                for name in self._members
+                if (fnmatchcase(name, pattern) or fnmatchcase(name, whole))
+                and pattern.startswith(f"{_PAYLOAD}.") == name.startswith(f"{_PAYLOAD}.")
+            ]
             if len(names) > 1:  # A pattern chooses no lengths, and rotors' numbers one by one.
                 names = [name for name in names if name in untold] or names
             if not names:
@@ -106,7 +140,11 @@ class Unknowns:
             if mark and axes in AXIS_PAIRS[:3]:
                 others = (f"{body}_inertia_{axes}" for axes in AXIS_PAIRS[:3])
                 chosen |= dict.fromkeys(n for n in others if self.file.get(n))
-        both = [name for name in chosen if "." in name and {*self._members[name]} & {*chosen}]
+        both = [
+            name
+            for name in chosen
+            if name.startswith(_ROTORS) and {*self._members[name]} & {*chosen}
+        ]
         if both:
             member = next(name for name in self._members[both[0]] if name in chosen)
             raise UsageError(
@@ -146,7 +184,7 @@ class Unknowns:
         """How far values (f) are from those of the file, in deviations of the prior."""
         before, after = self.values(np.zeros_like(z)), self.values(z)
         change, same = np.abs(after - before), before * after > 0.0
-        factors = same & ~np.isin(self.names, [*self._scales])
+        factors = same & ~np.isin(self.names, [n for n in self._scales if not n.endswith("_mass")])
         change[factors] = np.abs(
             before * np.log(np.where(same, after, 1.0) / np.where(same, before, 1.0))
         )[factors]
@@ -155,8 +193,41 @@ class Unknowns:
 
     def parameters(self, z: Array) -> dict[str, float]:
         """Parameters of the module, those that differ from the robot file, by unknowns (f)."""
+        changed, loads = self._own_parameters(z), self._carried(z)
+        for body in dict.fromkeys(name.rpartition("_")[0] for name in loads):
+            mass, *place = (loads.get(f"{body}_{end}", 0.0) for end in ("mass", *XYZ))
+            changed |= self._with_load(body, self.file | changed, mass, np.array(place))
+        return changed
+
+    def _carried(self, z: Array) -> dict[str, float]:
+        """Numbers of loads by the bodies' names and ends."""
+        return {
+            name.removeprefix(f"{_PAYLOAD}."): self.file[name]
+            * float(np.exp(self._scales[name] * x))
+            if name.endswith("_mass")
+            else self._scales[name] * x
+            for name, x in zip(self.names, z.tolist(), strict=True)
+            if name.startswith(f"{_PAYLOAD}.")
+        }
+
+    def _with_load(
+        self, body: str, own: dict[str, float], load: float, place: Array
+    ) -> dict[str, float]:
+        """Numbers of a body with a point that has a mass."""
+        names = _numbers_of(body)
+        mass, *rest = (own[name] for name in names)
+        centre, inertia = np.array(rest[:3]), inertia_matrix(rest[3:])
+        whole, away = mass + load, place - centre
+        moved = inertia + mass * load / whole * (away @ away * np.eye(3) - np.outer(away, away))
+        centre = (mass * centre + load * place) / whole
+        return dict(zip(names, [whole, *centre.tolist(), *entries_of(moved)], strict=True))
+
+    def _own_parameters(self, z: Array) -> dict[str, float]:
+        """Parameters without loads."""
         changed = dict[str, float]()
         for name, value in zip(self.names, z.tolist(), strict=True):
+            if name.startswith(f"{_PAYLOAD}."):
+                continue
             scale = self._scales.get(name)
             for member in self._members[name]:
                 p = self.file[member]
@@ -187,8 +258,14 @@ class Unknowns:
 
     def values(self, z: Array) -> Array:
         """Values (f) of the numbers, of rotors those of the first."""
-        parameters = self.parameters(z)
-        return np.array([parameters[self._members[name][0]] for name in self.names])
+        own = self._own_parameters(z)
+        own |= {f"{_PAYLOAD}.{name}": value for name, value in self._carried(z).items()}
+        return np.array([own.get(name, own.get(self._members[name][0])) for name in self.names])
+
+    def before(self) -> Array:
+        """Values (f) of the robot file, which has no loads."""
+        loads = [name.startswith(f"{_PAYLOAD}.") for name in self.names]
+        return np.where(loads, 0.0, self.values(np.zeros(len(self.names))))
 
     def slopes(self, z: Array) -> Array:
         """Derivatives (f, f) of values by unknowns."""
@@ -196,3 +273,9 @@ class Unknowns:
         return np.array([(self.values(z + s) - self.values(z - s)) for s in steps]).T / (
             2 * _DIFFERENCE
         )
+
+
+def _numbers_of(body: str) -> tuple[str, ...]:
+    """Names of mass, centre of mass and inertia of a body."""
+    centre, inertia = (f"{body}_com_{a}" for a in XYZ), (f"{body}_inertia_{a}" for a in AXIS_PAIRS)
+    return (f"{body}_mass", *centre, *inertia)

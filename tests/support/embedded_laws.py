@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gibbs_codegen.arrays.c_file import CFunction
+from gibbs_codegen.arrays.contents import owners_of
 from support.tools import run, tool
 
 Array = NDArray[np.floating]
@@ -42,6 +45,7 @@ class Calls:
     instructions: Array
 
 
+@cache
 def objects(name: str, folder: Path, processor: Processor) -> list[Path]:
     """The object of a module's functions and that of its laws, for a processor."""
     single = [f"-D{name.upper()}_FLOAT"] if processor.real is np.float32 else []
@@ -119,6 +123,29 @@ def observed(
     real = np.dtype(processor.real).newbyteorder("<")
     found = [np.frombuffer(bytes.fromhex(digits), real) for digits, _ in rows]
     return found, [float(ticks) / _CLOCK * 1e9 / 2**_SHIFT / _CALLS for _, ticks in rows]
+
+
+def filtered(
+    name: str, function: CFunction, folder: Path, processor: Processor, arrays: Mapping[str, Array]
+) -> tuple[Array, float]:
+    """Coordinates and velocities after ten calls of a function of a filter, by `filter.c`.
+
+    And instructions of a call. `arrays` are what it is given, and members of its structure.
+    """
+    (structure,), program = function.structures, function.program
+    members = [member.name for member in structure.members]
+    whole = _members([arrays[member] for member in members], processor)
+    lines = [f"typedef {name}_{structure.name} Filter;", f"static const Filter begin = {whole};"]
+    passed = ["constants"] * bool(owners_of(program)) + ["&filter"]
+    for key, x in zip(program.names, program.inputs, strict=True):
+        if key not in members:
+            lines.append(f"static const real {key}[] = {_members([arrays[key]], processor)[1:-1]};")
+            passed.append(key if x.shape else f"*{key}")
+    passed += ["&nis"] * ("nis" in program.outputs)
+    lines.append(f"#define CALL {name}_{program.name}({', '.join(passed)})")
+    ((digits, ticks),) = (x.split() for x in _said(name, "", folder, processor, "filter.c", lines))
+    told = np.frombuffer(bytes.fromhex(digits), np.dtype(processor.real).newbyteorder("<"))
+    return told, float(ticks) / _CLOCK * 1e9 / 2**_SHIFT / 10
 
 
 def _said(

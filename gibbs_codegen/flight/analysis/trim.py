@@ -54,32 +54,37 @@ _TURN = 2.0 * np.pi
 
 @dataclass(frozen=True, eq=False)
 class SteadyMotion:
-    """A motion in which nothing turns and no joint moves, and what acts besides gravity.
+    """A motion in which no joint moves, and what acts besides gravity.
 
-    - `velocity`, `acceleration` (3): of the base, world axes, m/s and m/s²
+    - `velocity`, `acceleration` (3): of the base, world axes, m/s and m/s², but for what turns it
+    - `turning`: rate at which the base and its velocity turn about the vertical, rad/s
     - `wrenches` (f, 6): on the frames, in the order of `FRAMES`, world axes, N and N m
     """
 
     vehicle: Vehicle
     velocity: Array
     acceleration: Array
+    turning: float
     wrenches: Array
 
     def rates(self, q: Array) -> tuple[Array, Array]:
         """Velocities and accelerations (nv) at coordinates."""
         vehicle = self.vehicle
-        base = vehicle.layout.v.base
-        jacobian = vehicle.frame_jacobians(q)[vehicle.frames.index("base")]
-        moved = np.zeros((2, vehicle.layout.v.size))
-        # Without turning, the velocity and the acceleration of the base's frame are J v and J a.
-        twists = np.zeros((6, 2))
-        twists[:3] = np.transpose([self.velocity, self.acceleration])
-        moved[:, base] = np.linalg.lstsq(jacobian[:, base], twists, rcond=None)[0].T
-        if not np.allclose(jacobian[:, base] @ moved[:, base].T, twists, atol=EXACT):
-            raise UsageError(
-                f"{vehicle.name}: velocity, acceleration: its base does not move along these"
-            )
-        return moved[0], moved[1]
+        base, frame = vehicle.layout.v.base, vehicle.frames.index("base")
+        columns = vehicle.frame_jacobians(q)[frame][:, base]
+        spin = np.array([0.0, 0.0, self.turning])
+        v, a = np.zeros((2, vehicle.layout.v.size))
+        twist = np.concatenate([self.velocity, spin])
+        v[base] = np.linalg.lstsq(columns, twist, rcond=None)[0]
+        growth = np.append(self.acceleration + np.cross(spin, self.velocity), np.zeros(3))
+        if self.turning:  # Otherwise the acceleration of the base's frame is J a.
+            growth = growth - vehicle.frame_bias_accelerations(q, v)[frame]
+        a[base] = np.linalg.lstsq(columns, growth, rcond=None)[0]
+        off = columns @ np.transpose([v[base], a[base]]) - np.transpose([twist, growth])
+        if np.abs(off).max() > EXACT * max(1.0, np.abs([twist, growth]).max()):
+            words = "velocity, acceleration" + ", turning" * bool(self.turning)
+            raise UsageError(f"{vehicle.name}: {words}: its base does not move along these")
+        return v, a
 
     def force(self, q: Array) -> Array:
         """Generalised force (nv) that the inputs must produce at coordinates."""
@@ -372,13 +377,14 @@ def trim(
     q: ArrayLike | None = None,
     velocity: ArrayLike = _STILL,
     acceleration: ArrayLike = _STILL,
+    turning: float = 0.0,
     wrenches: Mapping[str, ArrayLike] | None = None,
     free: Iterable[str] | None = None,
     aim: Aim = "least_thrust",
     limits: ArrayLike | None = None,
     parameters: Mapping[str, float] | None = None,
 ) -> Trim:
-    """Find the inputs, and where need be the attitude, with which a robot hovers or flies straight.
+    """Find the inputs, and where need be the attitude, of hover, straight ways and circles.
 
     Args:
         robot: A generated module, or the name or path of one, which is loaded.
@@ -386,7 +392,9 @@ def trim(
         posture_deg: Angles of revolute joints by name, in degrees as in scenario files; such joints
             are not in `posture`.
         q: Coordinates (nq) asked for; level, at the origin, joints at zero, if None.
-        velocity, acceleration: Of the base (3), which does not turn: world axes, m/s and m/s².
+        velocity, acceleration: Of the base (3): world axes, m/s and m/s².
+        turning: Rate at which the base and its velocity turn about the vertical, rad/s: it goes
+            round circles of the radius speed / turning, which adds to the acceleration.
         wrenches: What acts on frames besides gravity, by their names: force, N, and torque, N m,
             (6) each, world axes.
         free: What may differ from the coordinates asked for: "attitude", and joints by name, which
@@ -413,7 +421,8 @@ def trim(
     for name, wrench in (wrenches or {}).items():
         acting[vehicle.frame_place(name, "wrenches")] = vector(f"wrenches: {name}", wrench, 6)
     moved = vector("velocity", velocity, 3), vector("acceleration", acceleration, 3)
-    motion = SteadyMotion(vehicle, *moved, acting)
+    rate = float(numbers("turning", turning, "a rate, rad/s", ()))
+    motion = SteadyMotion(vehicle, *moved, rate, acting)
     actuators = module_actuators(vehicle)
     if limits is not None:
         wanted = f"the least and the greatest thrust, or two rows of {vehicle.rotors} of them"

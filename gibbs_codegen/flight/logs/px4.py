@@ -154,6 +154,13 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
     shares = {k: (f"control[{k}]",) for k in range(vehicle.rotors)}
     sent = {k: _samples(motors, key) for k, key in shares.items() if motors.keys() >= {*key}}
     named = {name: log for name in vehicle.commands if name in names and (log := of(name, ""))}
+    if (outputs := _topic(topics, "actuator_outputs")) and not (sent or named):
+        pulses = [_numbers(x) for name, x in outputs.items() if name.startswith("output[")]
+        still = ", which never change: nothing flew" * all(bool(np.all(x == x[0])) for x in pulses)
+        words = (
+            "%s: has no actuator_motors, which PX4 logs from 1.13 on, but pulses of its outputs%s"
+        )
+        _log.warning(words, printable(path.name), still)
     joints = list(enumerate(vehicle.joint_names))
     inputs = [(name, k - vehicle.rotors) for k, name in enumerate(vehicle.inputs)]
     return Recorded(
