@@ -29,13 +29,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from gibbs_codegen.arrays.functions import LEADING
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.files.module_writer import check_replaceable, differing_files, write_module
 from gibbs_codegen.files.staging import check_output_folder
+from gibbs_codegen.machine.laws import LAWS
 from gibbs_codegen.program.choice import Derivatives, Functions, chosen_derivatives
 from gibbs_codegen.program.model import Model, Progress
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.posture import closed_loops
 from gibbs_codegen.runtime.c_library import announced
 from gibbs_codegen.targets import registry
 from gibbs_codegen.targets.c.laws import check_laws
@@ -177,6 +180,8 @@ def module_files(
     emitted = registry.find_targets(targets)
     chosen = check_laws(laws, targets)
     names = [*registry.called(emitted, functions, chosen), *chosen_derivatives(derivatives)]
+    if closed_loops(robot) and not LAWS.keys().isdisjoint(chosen):
+        names += sorted(LEADING)
     model = replace(derive(robot, keep_zeros, progress, functions=names), laws=chosen)
     progress("rendering")
     return model, registry.render_module(model, text, emitted)

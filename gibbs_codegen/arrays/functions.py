@@ -26,7 +26,7 @@ from gibbs_codegen.interface.choice import options_with
 from gibbs_codegen.robot.layout import Layout
 
 # By which driven joints lead loops of a mechanism.
-_LEADING = {f"constraint_{name}" for name in ("errors", "jacobian", "bias")}
+LEADING = {f"constraint_{name}" for name in ("errors", "jacobian", "bias")}
 
 
 class Functions:
@@ -86,7 +86,7 @@ class Functions:
     @property
     def leads_loops(self) -> bool:
         """True if there are loops of mechanisms, and functions by which driven joints lead them."""
-        return bool(self.free_joints.size) and self.signatures.keys() >= _LEADING
+        return bool(self.free_joints.size) and self.signatures.keys() >= LEADING
 
     @property
     def rotors(self) -> int:

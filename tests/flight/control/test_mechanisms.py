@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from support.emitted import emitted_module
 
-from gibbs_codegen import UsageError, parse_robot, read_scenario, simulate
+from gibbs_codegen import UsageError, generate, parse_robot, read_scenario, simulate
 
 BARS = "".join(
     f'[[link]]\nname = "{name}"\nparent = "{parent}"\nxyz = [{x}, 0, 0]\naxis = "y"\n{effort}\n'
@@ -38,11 +39,14 @@ joint = "spherical"
 PAIR = "[[rotor]]\nposition = [0.2, 0, 0]\n[[rotor]]\nposition = [-0.2, 0, 0]\n"
 
 
-def four_bar(motion: str) -> Any:
+def text_of(motion: str) -> str:
     base = f"[base]\nmotion = {motion}\nmass = 2\ninertia = [0.05, 0.05, 0.05, 0, 0, 0]\n"
     name = f'name = "four_bar_{len(motion)}"\n'
-    robot = parse_robot(name + base + BARS + LOOP + PAIR * ("pitch" in motion))
-    return emitted_module(robot, "default", "constraints")
+    return name + base + BARS + LOOP + PAIR * ("pitch" in motion)
+
+
+def four_bar(motion: str) -> Any:
+    return emitted_module(parse_robot(text_of(motion)), "default", "constraints")
 
 
 @pytest.mark.parametrize("motion", ['"fixed"', '["x", "z", "pitch"]'])
@@ -80,3 +84,12 @@ def test_loops_that_are_open_or_out_of_reach_are_told(caplog: pytest.LogCaptureF
     ):
         with pytest.raises(UsageError, match=words):
             simulate(module, read_scenario(tables | {"arm": arm}))
+
+
+def test_laws_in_c_bring_what_leads_loops(tmp_path: Path) -> None:
+    (tmp_path / "bars.toml").write_text(text_of('"fixed"'))
+    made = generate(tmp_path / "bars.toml", tmp_path, laws=["computed_torque"], verify=False)
+    law, functions = (next(made.glob(f"*{end}")).read_text() for end in ("_laws.c", "_7.c"))
+    for name in ("four_bar_7_constraint_jacobian(", "four_bar_7_constraint_bias("):
+        assert name in law
+        assert name in functions
