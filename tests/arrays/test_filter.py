@@ -481,3 +481,7 @@ def test_a_flight_on_estimates_stays_by_one_that_is_told_the_state(
     assert not any(flight.stopped for flight in flights)
     off = np.linalg.norm(flights[0].q[:, :3] - flights[1].q[:, :3], axis=1)
     assert 1e-5 < off.max() < 0.03
+    # And the wind is told by its force and torque on the base.
+    felt, told = flights[1].frame_wrenches[100:, 0], flights[1].estimates[100:, 17:23]
+    assert np.abs(felt[:, :3]).max() > 0.5
+    assert np.mean(np.abs(told - felt) < 2.0 * flights[1].estimate_deviations[100:, 16:22]) > 0.9
