@@ -9,7 +9,7 @@ from typing import Any
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.toml import key_lines
 from gibbs_codegen.robot.file import parse_robot
-from gibbs_codegen.robot.names import parameter_prefix, rotor_prefix
+from gibbs_codegen.robot.names import identifier, parameter_prefix, rotor_prefix
 from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, XYZ
 from gibbs_codegen.robot.text import toml_value
 
@@ -31,6 +31,8 @@ def with_numbers(text: str, changes: Mapping[str, float], words: Mapping[str, st
         prefix, path = parameter_prefix(robot, i), f"link[{i - 1}]"
         tables |= {prefix: path, f"{prefix}_servo": f"{path}.servo"}
         tables |= {f"{prefix}_friction": f"{path}.friction"}
+    for k, frame in enumerate(robot.frames):
+        tables[f"frame_{identifier(frame.name)}"] = f"frame[{k}]"
     edits = dict[str, list[str]]()  # By path of a key that has a line, the comments on it.
     lines = key_lines(text)
     for name, value in changes.items():
@@ -96,7 +98,7 @@ def _changed(table: dict[str, Any], end: str, value: float) -> str:
     if isinstance(table.get(end), int | float):
         table[end] = value
         return end
-    key, _, entry = end.rpartition("_")
+    key, _, entry = (f"xyz_{end}" if end in XYZ else end).rpartition("_")
     places = {
         **dict(zip(XYZ, range(3), strict=True)),
         **dict(zip(AXIS_PAIRS, range(6), strict=True)),

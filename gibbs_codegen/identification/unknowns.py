@@ -36,6 +36,8 @@ _LIGHT, _ANY_MASS, _ANYWHERE = 0.1, 1.5, 0.1
 # Share of the trace that is added to second moments of bodies of no extent along an axis.
 _THIN = 1e-9
 _LOWER = np.tril_indices(3, -1)
+# How far, m, frames such as those of IMUs are off, by shares of the prior.
+_PLACE = 0.1
 _DIFFERENCE = 1e-6
 
 
@@ -43,8 +45,8 @@ class Unknowns:
     """Unknowns (f) of a module by their `names`, of those that patterns choose, or by default.
 
     `names` are those of parameters, or as `rotors.thrust_1` of all rotors alike, which keep their
-    ratios. A centre of mass is in doubt by `prior` of the radius of gyration, all else by that
-    share.
+    ratios. A centre of mass is in doubt by `prior` of the radius of gyration, the place of a
+    frame by that share of 0.1 m, all else by that share.
 
     Raises `UsageError` for a pattern that chooses nothing, or what cannot be free.
     """
@@ -64,6 +66,8 @@ class Unknowns:
                 self._begin_load(name)
             elif "_com_" in name:
                 self._scales[name] = self._gyration(name.partition("_com_")[0])
+            elif name.startswith("frame_"):
+                self._scales[name] = _PLACE
             elif any(self.file[member] == 0.0 for member in self._members[name]):
                 raise UsageError(
                     f"--free {name}: is 0 in the robot file, from where no factor leads away; give "

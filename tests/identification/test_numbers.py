@@ -51,6 +51,12 @@ def test_no_change_is_the_robot_file(module) -> None:
         assert value == pytest.approx(module.PARAMETERS[name], abs=1e-6 * scale + 1e-9), name
 
 
+def test_places_of_frames_are_off_by_lengths(module) -> None:
+    unknowns = Unknowns(module, ["frame_*"], 0.3)
+    count = len(unknowns.names)
+    np.testing.assert_allclose(unknowns.slopes(np.zeros(count)), 0.1 * np.eye(count), atol=1e-9)
+
+
 def test_numbers_of_all_rotors_keep_their_ratios(module) -> None:
     unknowns = Unknowns(module, ["rotors.drag"], 0.3)
     changed = unknowns.parameters(np.array([np.log(1.5)]))
@@ -88,13 +94,15 @@ def test_slopes_are_those_of_the_values(module) -> None:
 def test_comments_of_a_robot_file_stay() -> None:
     text = read_robot("quadrotor_arm_2link")[1]
     changes = {"forearm_mass": 0.2, "base_com_z": -0.0123456789, "rear_left_drag": -0.02}
+    changes |= {"frame_tip_z": -0.21, "upper_arm_x": 0.03}
     new = with_numbers(text, changes, {"forearm_mass": "0.2 ± 0.001, identified from flight"})
     rows = new.splitlines()
     assert "mass = 0.2  # 0.2 ± 0.001, identified from flight" in rows
     assert "com = [-0.01, 0, -0.0123457]  # the battery stands back" in new
     pairs = zip(text.splitlines(), rows, strict=True)
-    assert sum(old != new for old, new in pairs) == 3
+    assert sum(old != new for old, new in pairs) == 5
     robot = parse_robot(new)
+    assert (robot.frames[0].pose.xyz[2], robot.links[0].pose.xyz[0]) == (-0.21, 0.03)
     assert robot.links[1].body.mass == 0.2
     assert robot.thrusters[1].drag == -0.02
 
