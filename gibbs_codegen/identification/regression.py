@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 from scipy.signal import butter, sosfiltfilt
 
 from gibbs_codegen.flight.vectors import Array
@@ -25,9 +26,9 @@ _FAST, _SLOW = 10.0, 2.0
 _SAMPLES, _EDGE, _OUTLIER = 5, 0.4, 3.0
 # The deviation of a delay, s, before a log tells it; none where poses tell what a lag does.
 _DELAY, _NO_DELAY = 0.02, 1e-9
-# Changes of unknowns, and of the delay over its deviation: for differences, at most, and that are
-# none; iterations at most.
-_DIFFERENCE, _MOST, _SETTLED, _ITERATIONS = 1e-4, 0.7, 1e-3, 25
+# Changes of unknowns, and of the delay over its deviation: for differences, and at most; shares of
+# deviations that are none; iterations at most.
+_DIFFERENCE, _MOST, _SETTLED, _ITERATIONS = 1e-4, 0.7, 0.03, 25
 
 
 class Regression:
@@ -95,9 +96,10 @@ class Regression:
         y, settled = np.zeros(len(self.prior)), False
         for _ in range(_ITERATIONS):
             slopes, misses, normal = self._weighed(y)
-            change = -np.linalg.solve(normal, slopes.T @ misses + y / self.prior**2)
+            covariance = np.linalg.inv(normal)
+            change = -covariance @ (slopes.T @ misses + y / self.prior**2)
             y = y + np.clip(change, -_MOST * self._sizes, _MOST * self._sizes)
-            if settled := bool(np.all(np.abs(change) < _SETTLED * self._sizes)):
+            if settled := bool(np.all(np.abs(change) < _SETTLED * np.sqrt(np.diag(covariance)))):
                 break
         return y, settled
 
@@ -126,6 +128,7 @@ class Regression:
 
 
 def _delayed(commands: Array, samples: float) -> Array:
-    """Commands (s, nu) that many samples later, the first until then."""
+    """Commands (s, nu) that many samples later, the first until then, smoothly in the delay."""
     times = np.arange(len(commands))
-    return np.stack([np.interp(times - samples, times, column) for column in commands.T], axis=1)
+    later: Array = PchipInterpolator(times, commands)(np.clip(times - samples, 0, times[-1]))
+    return later
