@@ -409,9 +409,11 @@ def _advice(unknowns: Unknowns) -> tuple[str, ...]:
         if rest
         else "free fewer numbers, those that are wrong (--free)"
     ]
-    joints = any(name.endswith("_damping") for name in unknowns.file)
-    if joints and not any("_friction_" in name for name in unknowns.file):
-        advice.append("add `friction` to the links of the robot file whose joints rub")
+    numbers = [name for name, value in unknowns.file.items() if value]
+    lacking = [f"`{k}`" for k in ("damping", "friction") if not any(f"_{k}" in n for n in numbers)]
+    if lacking and unknowns.module.BODIES:
+        words = " and ".join(lacking)
+        advice.append(f"add {words} to the links of the robot file whose joints rub")
     advice.append("take a shorter part of the log, in which nothing touches it (--between)")
     return (*advice, "the greatest residuals below show where the robot file lacks something")
 

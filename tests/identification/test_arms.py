@@ -107,6 +107,7 @@ def test_a_fit_that_does_not_settle_says_so_and_writes_no_robot_file(
     assert np.isnan(found.deviations).all()
     assert "did not settle" in found.text().splitlines()[0]
     assert "shoulder_mass" in found.advice[0]
+    assert found.advice[1].startswith("add `damping` and `friction` to the links")
     assert "±" not in found.text()
     assert "error of the input tau_elbow" in found.text()
     assert "IMU" not in found.text(), "a base that cannot move has no biases"
