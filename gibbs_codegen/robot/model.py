@@ -91,6 +91,13 @@ class Robot(Ties):
         return tuple(i for i in self.gearing if self.links[i - 1].rolling)
 
     @property
+    def acts_on_wheels(self) -> bool:
+        """True if a rotor or a spring turns with a wheel, so that its angle counts."""
+        turning = {frame.name for frame in self.frames if frame.on in self.wheels}
+        springs = any(not turning.isdisjoint((x.frame, x.to)) for x in self.springs)
+        return springs or any(rotor.on in self.wheels for rotor in self.thrusters)
+
+    @property
     def driven(self) -> tuple[int, ...]:
         """Numbers of the links whose joints have inputs, in their order."""
         return (*self.moving, *self.wheels)

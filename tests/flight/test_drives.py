@@ -20,6 +20,7 @@ from gibbs_codegen import (
     UsageError,
     displacement,
     generate,
+    linearise,
     load,
     lqr,
     parse_robot,
@@ -33,6 +34,7 @@ from gibbs_codegen import (
 from gibbs_codegen.arrays import Functions, Program, evaluate, gradient, jacobian, join
 from gibbs_codegen.flight.control.predictive import Predictive, Tolerances
 from gibbs_codegen.flight.figures.flight import estimates
+from gibbs_codegen.flight.plant.estimator import Estimator
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.sweeps.sources import robot_data
 from gibbs_codegen.machine.filters import FilteredSensor, StateFilter
@@ -258,6 +260,9 @@ def test_fmus_tell_what_has_no_derivatives(tmp_path: Path) -> None:
     (tmp_path / "cart.toml").write_text(f'{CART}[[frame]]\nname = "rim"\non = "left"\n')
     with pytest.raises(UsageError, match="--target fmu: frame rim of cart turns with a wheel"):
         generate(tmp_path / "cart.toml", tmp_path, ["numpy", "fmu"], verify=False)
+    (tmp_path / "cart.toml").write_text(CART + RIM + SPRING)
+    with pytest.raises(UsageError, match="--laws state_filter: a spring or a rotor of cart turns"):
+        generate(tmp_path / "cart.toml", tmp_path, ["c"], laws="state_filter", verify=False)
 
 
 def logarithm(q0: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -336,6 +341,46 @@ def test_steps_and_places_have_derivatives_sideways() -> None:
     (bar,) = evaluate(gradients, at | weights, {"robot": module}).values()
     expected = sum(weights[f"{x}_bar"] @ found[f"{x}_by_q"] for x in ("q_next", "v_next"))
     np.testing.assert_allclose(bar, expected, atol=1e-12)
+
+
+RIM = """
+[[frame]]
+name = "rim"
+on   = "left"
+xyz  = [0.1, 0, 0]
+"""
+SPRING = """
+[[frame]]
+name = "post"
+xyz  = [0.3, 0.2, 0.4]
+[[spring]]
+name      = "rod"
+frame     = "rim"
+to        = "post"
+stiffness = 3
+"""
+
+
+def test_what_takes_derivatives_refuses_what_turns_with_wheels() -> None:
+    """No derivative is by angles of wheels, of which places of what is on them are functions."""
+    rim, sprung = (compiled_module(parse_robot(CART + x)) for x in (RIM, RIM + SPRING))
+    rest: Any = Hover(np.zeros(5), np.zeros(2))
+    around = {"name": "air", "duration": 1, "payload": [{"mass": 1.0, "frame": "rim"}]}
+    sensed = {"name": "seen", "duration": 1, "sensors": {"pose": [{"frame": "rim"}]}}
+    wheel = r"rim of cart turns with a wheel, .*; give a frame that is on no wheel"
+    with pytest.raises(UsageError, match=rf"payload 1: frame: {wheel}"):
+        linearise(rim, rest.q, np.zeros(2), rest.u, surroundings=around)
+    with pytest.raises(UsageError, match=rf"payload 1: frame: {wheel}"):
+        Predictive(rim, rest, surroundings=around)
+    with pytest.raises(UsageError, match=rf"sensors.pose: pose: {wheel}"):
+        Estimator(rim, read_scenario(sensed).sensors)
+    for take in (
+        lambda: linearise(sprung, rest.q, np.zeros(2), rest.u),
+        lambda: Predictive(sprung, rest),
+        lambda: Estimator(sprung, read_scenario(sensed).sensors),
+    ):
+        with pytest.raises(UsageError, match="cart: a spring or a rotor turns with a wheel"):
+            take()
 
 
 @pytest.fixture(scope="module")

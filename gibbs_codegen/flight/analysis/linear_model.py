@@ -191,6 +191,7 @@ def _model(
     surroundings: AnyScenario | None,
 ) -> tuple[Array, Array, Array]:
     """A and B of a continuous model as of `linearise`, and accelerations (nv) in the state."""
+    vehicle.check_wheels()
     u = state.u if state.command is None else state.command
     if state.command is not None and (words := commands_beyond(vehicle.module, u)):
         words = f"{vehicle.name}: u: {words}, beyond which nothing follows the command"
@@ -246,7 +247,7 @@ def _around(
     vehicle: Vehicle, q: Array, surroundings: AnyScenario | None
 ) -> tuple[Surroundings, dict[str, Array]]:
     """Surroundings at the start of a scenario, in steady wind, at coordinates; their figures."""
-    environment = surrounding(vehicle, surroundings)
+    environment = surrounding(vehicle, surroundings, vehicle.smooth_place)
     if environment is None:
         return NO_SURROUNDINGS, {}
     if environment.idles(0.0):

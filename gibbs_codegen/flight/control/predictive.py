@@ -246,6 +246,7 @@ class Predictive:
         self._farthest = _FARTHEST * self.tolerances.point if farthest is None else farthest
         vehicle = Vehicle(self.module, self.parameters or None)
         self.vehicle = vehicle
+        vehicle.check_wheels()
         around, self._acting = self._around()
         self._check(around)
         served = _served(vehicle)
@@ -271,8 +272,8 @@ class Predictive:
         self._inputs = self._sent(self.hover.q, self.hover.u)
         self.horizon = Horizon(
             robot,
-            tuple(vehicle.frame_place(name, "predictive") for name in self.points),
-            tuple(vehicle.frame_place(name, "predictive") for name in self.orientations),
+            tuple(vehicle.smooth_place(name, "predictive") for name in self.points),
+            tuple(vehicle.smooth_place(name, "predictive") for name in self.orientations),
             self._method,
             bool(np.any(self._lag)),
             self.rates is not None or self.tolerances.change is not None,
@@ -479,12 +480,14 @@ class Predictive:
 
     def _around(self) -> tuple[Surroundings, dict[str, Array]]:
         """Surroundings, with the frames on which they may act, and the figures of all of it."""
-        around = surrounding(self.vehicle, self.surroundings) or Environment(self.vehicle)
+        vehicle = self.vehicle
+        around = surrounding(vehicle, self.surroundings, vehicle.smooth_place)
+        around = around or Environment(vehicle)
         if around.hold:
             raise UsageError("surroundings: no prediction knows holds; leave them out")
         for wall in self.walls:
             for frame in wall.frames:
-                self.vehicle.frame_place(frame, "predictive")
+                vehicle.smooth_place(frame, "predictive")
         # A payload without a mass has no figure.
         carried = tuple(load for load in around.payload if load.mass > 0.0)
         self._environment = replace(around.with_walls(self.walls), payload=carried)
@@ -975,7 +978,7 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
     if scenario.arm.tip is not None or force is not None:
         poses = vehicle.frame_poses(q)
         frame = "tip" if force is None else (control.impedance or Impedance()).frame
-        places = poses[:, vehicle.frame_place(frame, "control.impedance.frame"), :3, 3]
+        places = poses[:, vehicle.smooth_place(frame, "control.impedance.frame"), :3, 3]
         if force is not None:
             direction = np.array(force.direction) / np.linalg.norm(force.direction)
             if force.axes != WORLD:

@@ -16,7 +16,7 @@ is that under all other forces, so payloads come last. The forces of all payload
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -70,10 +70,12 @@ class RotorSpin:
         self.axes: Array = axes / np.linalg.norm(axes, axis=-1, keepdims=True)
 
 
-def surrounding(vehicle: Vehicle, scenario: AnyScenario | None) -> Environment | None:
+def surrounding(
+    vehicle: Vehicle, scenario: AnyScenario | None, place: Callable[[str, str], int] | None = None
+) -> Environment | None:
     """The surroundings of a robot in a scenario; None if nothing acts in it at any time.
 
-    Raises `UsageError` for what does not fit the robot.
+    Raises `UsageError` for what does not fit the robot. `place` is as of `check_surroundings`.
     """
     if scenario is None:
         return None
@@ -84,12 +86,17 @@ def surrounding(vehicle: Vehicle, scenario: AnyScenario | None) -> Environment |
     for name in ("parameters", "plant"):
         if getattr(scene, name):
             raise UsageError(f"surroundings: {name}: leave it out; numbers of the robot are given")
-    check_surroundings(vehicle, scene)
+    check_surroundings(vehicle, scene, place)
     return Environment.of(vehicle, scene, module_actuators(vehicle).spins)
 
 
-def check_surroundings(vehicle: RobotData, scenario: Scenario) -> None:
-    """Raise `UsageError` for frames and constraints that the robot does not have."""
+def check_surroundings(
+    vehicle: RobotData, scenario: Scenario, place: Callable[[str, str], int] | None = None
+) -> None:
+    """Raise `UsageError` for frames and constraints that the robot does not have.
+
+    `place` checks a frame and its key, `frame_place` if None.
+    """
     on = [("push.frame", scenario.push.frame)] if scenario.push else []
     on += [(f"payload {k}: frame", load.frame) for k, load in enumerate(scenario.payloads, start=1)]
     on += [(f"wall {k}: frame", x) for k, wall in enumerate(scenario.walls, 1) for x in wall.frames]
@@ -98,7 +105,7 @@ def check_surroundings(vehicle: RobotData, scenario: Scenario) -> None:
     holds = enumerate(scenario.holds, start=1)
     check_all(
         [
-            *(partial(vehicle.frame_place, frame, key) for key, frame in on),
+            *(partial(place or vehicle.frame_place, frame, key) for key, frame in on),
             *(partial(_check_hold, vehicle, scenario, f"hold {k}", hold) for k, hold in holds),
         ]
     )

@@ -98,12 +98,15 @@ class Estimator:
         if not suite.devices:
             raise UsageError("sensors: there are none; a filter needs some, such as sensors.imu")
         self._vehicle = vehicle = suite.vehicle
+        vehicle.check_wheels()
         self._settings = chosen = settings or Filter()
         of_sensors = zip(suite.devices, suite.places_of_frames, suite.biases, strict=True)
         sensing = {
             x.name: FilteredSensor(SensorAt(x.measures, frame, x.figures), tuple(biases))
             for x, frame, biases in of_sensors
         }
+        for x, frame in zip(suite.devices, suite.places_of_frames, strict=True):
+            vehicle.smooth_place(vehicle.frames[frame], f"sensors.{x.measures}: {x.name}")
         self._names = [device.name for device in suite.devices]
         self._leads = self._leading()
         # Nothing tells a wrench on what does not move.
@@ -111,7 +114,7 @@ class Estimator:
         pushed = not led and (vehicle.layout.v.base or chosen.wrench != "base")
         names = {"wrench": chosen.wrench if pushed else "", "payload": chosen.payload}
         frames = {
-            key: vehicle.frame_place(name, f"control.filter.{key}") if name else None
+            key: vehicle.smooth_place(name, f"control.filter.{key}") if name else None
             for key, name in names.items()
         }
         functions, joints = Functions(vehicle.module), vehicle.joints > 0 and not led

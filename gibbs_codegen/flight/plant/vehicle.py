@@ -291,6 +291,28 @@ class Vehicle(RobotData):
         last = len(self.points) + 1 - len(self.frames)
         return self.points[last - self.layout.q.wheels : last]
 
+    def smooth_place(self, frame: str, key: str) -> int:
+        """As `frame_place`, for what takes derivatives; `UsageError` of a frame on a wheel too."""
+        place = self.frame_place(frame, key)
+        carrier = self.carriers[len(self.points) - len(self.frames) + place] if place else 0
+        if self.points[carrier] in self.wheel_points:
+            raise UsageError(
+                f"{key}: {frame} of {self.name} turns with a wheel, by whose angle nothing has "
+                "derivatives; give a frame that is on no wheel"
+            )
+        return place
+
+    def check_wheels(self) -> None:
+        """Raise `UsageError` if wheels that have turned make the robot move otherwise."""
+        turned = np.zeros((2, self.layout.q.size))
+        turned[1, self.layout.q.angles] = 1.0
+        v, u = (np.ones((2, size)) for size in (self.layout.v.size, len(self.inputs)))
+        if self.layout.q.wheels and np.ptp(self.forward_dynamics(turned, v, u), axis=0).any():
+            raise UsageError(
+                f"{self.name}: a spring or a rotor turns with a wheel, by whose angle nothing has "
+                "derivatives; in the robot file put it on the base or a link"
+            )
+
     def rolled(self, time: Array, q: Array, v: Array, a: Array) -> Array:
         """Angles (s, w) of wheels, rad, which roll from 0 along a motion at times (s)."""
         angles, step = self.layout.q.angles, np.diff(time)[:, np.newaxis]

@@ -52,6 +52,11 @@ def law_files(model: Model, header: Lines) -> dict[str, str]:
     laws = [law for law in model.laws if law not in TELLING]
     for law in laws:
         _check(robot, law, frames)
+    if "state_filter" in model.laws and robot.acts_on_wheels:
+        raise UsageError(
+            f"--laws state_filter: a spring or a rotor of {robot.name} turns with a wheel, by "
+            "whose angle nothing has derivatives; in the robot file put it on the base or a link"
+        )
     functions, made = model_functions(model), []
     if laws:
         centre = points.index("O2" if "O2" in points else "base")

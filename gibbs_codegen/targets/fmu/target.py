@@ -89,11 +89,13 @@ def archives(model: Model, header: Lines, acting: tuple[str, ...] = ()) -> dict[
     `acting` are some of `ACTING`. Raises `UsageError` for constraints that there are not.
     """
     name = model.robot.name
-    of_wheels = [frame.name for frame in model.robot.frames if frame.on in model.robot.wheels]
+    carried = {f"frame {frame.name}": frame.on for frame in model.robot.frames}
+    carried |= {f"rotor {k}": x.on for k, x in enumerate(model.robot.thrusters, start=1)}
+    of_wheels = [part for part, on in carried.items() if on in model.robot.wheels]
     if of_wheels:
         raise UsageError(
-            f"--target fmu: frame {of_wheels[0]} of {name} turns with a wheel, by whose angle FMUs "
-            "have no derivatives; leave out fmu, or the frame"
+            f"--target fmu: {of_wheels[0]} of {name} turns with a wheel, by whose angle FMUs have "
+            f"no derivatives; leave out fmu, or {of_wheels[0]}"
         )
     if "constraints" in acting and model.robot.base.drive:
         raise UsageError(
