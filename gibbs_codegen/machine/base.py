@@ -34,17 +34,21 @@ from gibbs_codegen.arrays.nodes import (
 from gibbs_codegen.robot.layout import Layout
 
 # At which rate, 1/s, a base that drives comes back to its path from the side, and at which speed,
-# m/s, by half of that.
-_RETURN, _SLOW = 1.0, 0.1
+# m/s, by half of that: if nothing else is said.
+RETURN = 1.0, 0.1
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Coordinates q (nq), velocities v (nv) and accelerations a (nv)."""
+    """Coordinates q (nq), velocities v (nv) and accelerations a (nv).
+
+    `back` (2) are the rate and the speed of `RETURN` of a base that drives.
+    """
 
     q: Node
     v: Node
     a: Node
+    back: Node | None = None
 
 
 class Placed(Protocol):
@@ -398,9 +402,10 @@ class DrivenBase(LevelBase):
         ahead_kept = growth * along - speed * across * rate + spin * side_rate
         side_growth = growth * across + speed * along * rate - turning * ahead - spin * ahead_rate
         # The tangent of the heading that leads back, and its derivatives.
-        square = speed * speed + _SLOW**2
-        steep = _RETURN * speed / square
-        steeper = _RETURN * growth * (_SLOW**2 - speed * speed) / (square * square)
+        fast, slow = desired.back or constant(np.array(RETURN))
+        square = speed * speed + slow * slow
+        steep = fast * speed / square
+        steeper = fast * growth * (slow * slow - speed * speed) / (square * square)
         lead, lead_rate = steep * side, steep * side_rate + steeper * side
         lead_growth = steep * side_growth + 2.0 * steeper * side_rate
         share = 1.0 / (1.0 + lead * lead)

@@ -442,7 +442,8 @@ class LoopStructure:
         n, m = self.plant.space.coordinates, self.plant.space.velocities
         ends = n, n + m, n + 2 * m
         q = coordinates_of(curves[: ends[0]], self.plant.space)
-        motion = Motion(q, curves[ends[0] : ends[1]], curves[ends[1] : ends[2]])
+        back = self.input_node("back", 2) if self.plant.space.has_drive else None
+        motion = Motion(q, curves[ends[0] : ends[1]], curves[ends[1] : ends[2]], back)
         path = curves[ends[2] :]
         centre = CentrePath(path[:3], path[3:6], path[6:]) if self.leans else None
         return AtTime(time, motion, centre, curves, felt)

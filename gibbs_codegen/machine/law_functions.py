@@ -83,6 +83,7 @@ _OF_GAINS = {
     "adaptation": "for each base parameter: square of how far it may be off, over an energy, J",
     "least_parameters": "least estimates of base parameters, less what the constants say",
     "most_parameters": "greatest of them",
+    "back": "rate at which the base comes back from the side, 1/s, and speed of half of it, m/s",
 }
 
 
@@ -168,7 +169,10 @@ def _law(robot: Functions, law: str, tip: int, moves: bool) -> Program:
 
     q, v = robot.state()
     motion = Motion(
-        robot.coordinates("desired_q"), *map(robot.velocities, ("desired_v", "desired_a"))
+        robot.coordinates("desired_q"),
+        robot.velocities("desired_v"),
+        robot.velocities("desired_a"),
+        argument("back", 2) if robot.space.has_drive else None,
     )
     gains = Gains(argument("stiffness", size), argument("damping", size))
     limits = Limits(argument("least", inputs), argument("most", inputs))

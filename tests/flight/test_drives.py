@@ -133,8 +133,12 @@ def test_torques_of_wheels_on_a_circle(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("speed", [0.8, -0.8, 0.05])
-def test_a_base_beside_its_path_comes_back_as_by_one_equation(speed: float) -> None:
+@pytest.mark.parametrize(
+    ("speed", "own"), [(0.8, {}), (-0.8, {"return_rate": 2, "return_speed": 0.4}), (0.05, {})]
+)
+def test_a_base_beside_its_path_comes_back_as_by_one_equation(
+    speed: float, own: dict[str, float]
+) -> None:
     """With the heading ψ − ε off, whose error is that of a critically damped oscillator."""
     frequency, off = 4.0, 0.3
     flight = driven(
@@ -142,15 +146,17 @@ def test_a_base_beside_its_path_comes_back_as_by_one_equation(speed: float) -> N
         5.0,
         straight(speed),
         start={"offset": [0, off, 0]},
-        control={"frequency": frequency},
+        control={"frequency": frequency, **own},
     )
-    steep = speed / (speed**2 + 0.1**2)
+    slow = own.get("return_speed", 0.1)
+    steep = own.get("return_rate", 1) * speed / (speed**2 + slow**2)
     begin = np.arctan(-steep * off)
 
+    def error(time: Any) -> Any:
+        return begin * (1.0 + frequency * time) * np.exp(-frequency * time)
+
     def rate(time: float, left: np.ndarray) -> np.ndarray:
-        lead = np.arctan(steep * left)
-        error = begin * (1.0 + frequency * time) * np.exp(-frequency * time)
-        return speed * np.sin(error - lead)
+        return speed * np.sin(error(time) - np.arctan(steep * left))
 
     way = solve_ivp(rate, (0.0, 5.0), [-off], "DOP853", flight.time, rtol=1e-11, atol=1e-12).y[0]
     # What is to the left of the base is seen in its own axes, and nothing is ahead.
@@ -159,6 +165,7 @@ def test_a_base_beside_its_path_comes_back_as_by_one_equation(speed: float) -> N
     left = np.einsum("si,si->s", place, desired - flight.q[:, :2])
     np.testing.assert_allclose(left, way, atol=1e-8)
     assert np.abs(flight.errors[:, 0]).max() < 1e-8
+    np.testing.assert_allclose(flight.errors[:, 1], error(flight.time), atol=1e-8)
 
 
 @pytest.mark.slow
@@ -215,6 +222,8 @@ def test_an_omnidirectional_base_turns_as_it_goes() -> None:
     off = np.sqrt(0.02) * (1.0 + 5.0 * flight.time) * np.exp(-5.0 * flight.time)
     np.testing.assert_allclose(flight.centre_error, off, atol=1e-9)
     assert np.abs(flight.energy_error).max() < 1e-8
+    with pytest.raises(UsageError, match="return_rate and return_speed are of a base with a drive"):
+        driven(module, 0.5, circle(1.5, 8.0) | turning, control={"return_rate": 2})
 
 
 def test_trims_of_rest_and_of_rolling() -> None:

@@ -121,7 +121,8 @@ class Case:
         known = [*self.programs[0].outputs]
         own = [name for name in self.programs[1].names if name not in known]
         gains = ("stiffness", "damping", "least", "most", "adaptation")
-        gains, state = (*gains, "least_parameters", "most_parameters"), ("q", "v", "wrench")
+        gains = (*gains, "least_parameters", "most_parameters", "back")
+        state = ("q", "v", "wrench")
         of_gains = [name for name in own if name in gains or name.startswith("frame_")]
         parts = [of_gains, [name for name in own if name in state]]
         learnt = ("parameters", "h")

@@ -26,6 +26,7 @@ from gibbs_codegen.flight.plant.allocation import (
 from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, WORLD, Control, Force, Impedance, Law
+from gibbs_codegen.machine.base import RETURN
 from gibbs_codegen.machine.laws import LAWS, turns_servos
 
 # Joints do not move a frame along a push by less than this share of how they move it.
@@ -149,6 +150,7 @@ def control_law(
     frequencies[places.joints][held] = 0.0
     gains = Gains.of(frequencies, ratios, places.size)
     gains = replace(gains, integral=control.integral, adaptation=control.adaptation)
+    gains = replace(gains, back=control.back)
     moved = _moved_frame(law, control, vehicle)
     if leans and moved is not None:
         _check_levers(moved, control, vehicle, reference)
@@ -180,6 +182,11 @@ def check_control(law: Law | None, control: Control, vehicle: RobotData) -> None
             if frame:
                 checks.append(partial(vehicle.frame_place, frame, f"control.filter.{key}"))
     check_all(checks)
+    if control.back != RETURN and not vehicle.layout.has_drive:
+        raise UsageError(
+            f"control: return_rate and return_speed are of a base with a drive, which "
+            f"{vehicle.name} does not have; leave them out"
+        )
     for name in control.joints if law is not None and not turns_servos(law) else ():
         if holds(vehicle, joint_place(vehicle, name)):
             raise UsageError(

@@ -43,6 +43,7 @@ from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import Force, Impedance
 from gibbs_codegen.machine import closed_loop
+from gibbs_codegen.machine.base import RETURN
 from gibbs_codegen.machine.laws import LAWS, memory_size
 
 # The wrench on a frame that nothing touches.
@@ -157,13 +158,14 @@ class Gains:
     """Stiffness k (1/s²) and damping d (1/s) of the tracking errors, each (nv).
 
     `integral` (1/s) is the rate of integral action, 0 for none, and `adaptation` (rad/s) how fast
-    errors and what a law learns swing at most.
+    errors and what a law learns swing at most; `back` is as of `RETURN`.
     """
 
     stiffness: Array
     damping: Array
     integral: float = 0.0
     adaptation: float = 0.0
+    back: tuple[float, float] = RETURN
 
     @classmethod
     def of(cls, frequency: float | Array, damping_ratio: float | Array, coordinates: int) -> Gains:
@@ -233,6 +235,7 @@ class Controller:
             "stiffness": gains.stiffness,
             "damping": gains.damping,
             "integral": gains.integral,
+            "back": np.array(gains.back),
             "end": self.reference.end,
             **({"adaptation": self._adaptation()} if self.learns else {}),
             **of_frame,

@@ -64,8 +64,7 @@ class ZeroOrderHold:
 
     # Nothing that is remembered is integrated with the state, and the law that is held moves none.
     memory, moved = 0, None
-    # What is held is no law's: it has no values, and calls nothing.
-    values: ClassVar[dict[str, Any]] = {}
+    # What is held is no law's, and calls nothing.
     externals: ClassVar[dict[str, Callable[..., Any]]] = {}
     # Readings of the robot's sensors while it flies, if someone takes them.
     readings: Readings | None = None
@@ -77,6 +76,8 @@ class ZeroOrderHold:
         self.reference: Reference = law.reference
         self.allocation: Allocation = law.allocation
         self.gains: Gains = law.gains
+        # Of errors, by which control counts as lost.
+        self.values: dict[str, Any] = {"back": np.array(law.gains.back)}
         self.law: str = name
         self.delay, self.rate = delay, rate
         # Time, s, by which instants may differ that count as the same.

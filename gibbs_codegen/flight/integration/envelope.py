@@ -141,7 +141,8 @@ class Envelope:
             return np.zeros((*states.shape[:-1], len(self.bounds)))
         q, v = self.loop.parts(states)[:2]
         q_desired, v_desired, _ = self.loop.controller.reference(time)
-        off = self.loop.vehicle.kinematics.errors(q, v, q_desired, v_desired)
+        back = self.loop.controller.gains.back
+        off = self.loop.vehicle.kinematics.errors(q, v, q_desired, v_desired, back)
         return np.abs(np.concatenate(off, axis=-1))
 
     def _in_words(self, place: int, excess: float) -> str:

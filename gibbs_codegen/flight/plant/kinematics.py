@@ -17,6 +17,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gibbs_codegen.arrays import Node, Program, external, variable
 from gibbs_codegen.arrays.evaluation import Evaluator
@@ -31,7 +32,7 @@ from gibbs_codegen.flight.attitude import (
 )
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.vectors import Array, times, transposed
-from gibbs_codegen.machine.base import Base, base_of, placed, pose_motion, unit_entries
+from gibbs_codegen.machine.base import RETURN, Base, base_of, placed, pose_motion, unit_entries
 from gibbs_codegen.machine.base import Motion as DesiredNodes
 from gibbs_codegen.robot.layout import Layout
 
@@ -144,14 +145,22 @@ class Kinematics:
         """Rates (…, nq) of coordinates by v (…, nv), which keep the length of a quaternion."""
         return self._found("rates", lambda base, c, v: [base.rates(v, c)], c=q, v=v)[0]
 
-    def errors(self, q: Array, v: Array, q_desired: Array, v_desired: Array) -> tuple[Array, Array]:
-        """Errors and their rates (…, nv), those of the position in world axes."""
+    def errors(
+        self, q: Array, v: Array, q_desired: Array, v_desired: Array, back: ArrayLike = RETURN
+    ) -> tuple[Array, Array]:
+        """Errors and their rates (…, nv), those of the position in world axes.
 
-        def outputs(base: Base, c: Node, v: Node, wanted: Node, v_wanted: Node) -> Sequence[Node]:
-            desired = DesiredNodes(coordinates_of(wanted, self.space), v_wanted, v_wanted)
+        `back` (2) is as of `RETURN`.
+        """
+
+        def outputs(
+            base: Base, c: Node, v: Node, wanted: Node, v_wanted: Node, back: Node
+        ) -> Sequence[Node]:
+            desired = DesiredNodes(coordinates_of(wanted, self.space), v_wanted, v_wanted, back)
             return base.errors(v, desired)
 
         arguments = {"c": q, "v": v, "c_desired": q_desired, "v_desired": v_desired}
+        arguments["back"] = np.broadcast_to(back, (*q.shape[:-1], 2))
         return self._found("errors", outputs, **arguments)
 
     def turned(self, turning: Turning) -> tuple[Array, Array, Array]:

@@ -65,6 +65,7 @@ class Recording:
             **posture_series(vehicle, lambda: self._parts.q, lambda: self._parts.v),
             "scenario": lambda: scenario.name,
             "law": lambda: loop.controller.law,
+            "back": lambda: np.array(loop.controller.gains.back),
             "control_rate": lambda: loop.hold.rate if loop.hold else 0.0,
             "tangent_arm": lambda: self._tangent_arm,
             "stopped": lambda: self.history.stopped,

@@ -22,6 +22,7 @@ from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE
 from gibbs_codegen.flight.vectors import Array as Array
 from gibbs_codegen.flight.vectors import roll_pitch_yaw
+from gibbs_codegen.machine.base import RETURN
 from gibbs_codegen.machine.laws import LAWS
 from gibbs_codegen.robot.layout import Layout
 
@@ -30,9 +31,16 @@ RANGES = ("commanded_least", "commanded_greatest", "applied_least", "applied_gre
 # Arrays without a row for each sample.
 NO_SERIES = frozenset(
     {
-        *("base_arm_angles_desired", "binding_times", "contact_walls", "disc_radii", "gusts"),
+        *(
+            "back",
+            "base_arm_angles_desired",
+            "binding_times",
+            "contact_walls",
+            "disc_radii",
+            "gusts",
+        ),
         *("hold_times", "impacts", "impulses", "motor_times"),
-        *("input_limits", "joint_limits", "walls", "wheels"),
+        *("back", "input_limits", "joint_limits", "walls", "wheels"),
     }
 )
 # Fields of a flight in which nothing estimates the state.
@@ -137,7 +145,8 @@ class Flight:
     innovations of sensors by `innovation_names`, normalised so that 1 is their mean. Without a
     filter all are empty.
     `wheels` (w, 3) are the angles of wheels that turn by the way along the base's axes, rad/m, and
-    `wheel_points` (w) the points where they turn.
+    `wheel_points` (w) the points where they turn. `back` (2) are `control.return_rate`, 1/s, and
+    `control.return_speed`, m/s, by which the base comes back from the side.
     `disc_radii` (N), m, are those of the rotors, 0 where nobody says them.
     `gusts` (g, 2) are from when to when each gust of the wind
     blows, s, and motors run from and to `motor_times` (2), s.
@@ -217,6 +226,7 @@ class Flight:
     hard_impacts: tuple[str, ...] = field(default=(), repr=False)
     wheels: Array = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
     wheel_points: tuple[str, ...] = field(default=(), repr=False)
+    back: Array = field(default_factory=lambda: np.array(RETURN), repr=False)
     disc_radii: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     joint_limits: Array = field(default_factory=lambda: np.zeros((2, 0)), repr=False)
     command_names: tuple[str, ...] = ()
@@ -262,7 +272,7 @@ class Flight:
         Of an attitude by a quaternion they are the rotation vector to the desired one, rad.
         """
         kinematics = kinematics_of(self.layout)
-        return kinematics.errors(self.q, self.v, self.q_desired, self.v_desired)[0]
+        return kinematics.errors(self.q, self.v, self.q_desired, self.v_desired, self.back)[0]
 
     @property
     def roll_pitch_yaw(self) -> Array:

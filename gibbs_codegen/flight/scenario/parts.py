@@ -50,6 +50,7 @@ from gibbs_codegen.flight.scenario.numbers import (
     Vector,
 )
 from gibbs_codegen.flight.vectors import Array, Flags
+from gibbs_codegen.machine.base import RETURN
 from gibbs_codegen.machine.laws import LAWS
 from gibbs_codegen.machine.sensors import MEASUREMENTS
 
@@ -241,10 +242,21 @@ class Control(Table):
     adaptation: _Frequency = entry(
         'how fast the law "adaptive" learns base parameters at most, rad/s', 5.0
     )
+    return_rate: _Rate = entry(
+        "rate at which a base with a drive comes back to its path from the side, 1/s", RETURN[0]
+    )
+    return_speed: _Frequency = entry(
+        "speed at which it does so half as fast, m/s; below, more slowly", RETURN[1]
+    )
     estimate: Flag = entry(
         "whether the state is told by a filter of the readings of sensors", False
     )
     filter: Filter | None = entry("what the filter estimates, and its noise; as by default if none")
+
+    @property
+    def back(self) -> tuple[float, float]:
+        """Rate, 1/s, and speed, m/s, of the return from the side."""
+        return self.return_rate, self.return_speed
 
     @property
     def estimation(self) -> Filter | None:
