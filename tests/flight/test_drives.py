@@ -200,6 +200,50 @@ def test_a_way_from_rest_to_rest_bends() -> None:
     np.testing.assert_allclose(flight.q[:, 2], np.arctan2(0.8, 0.6), atol=1e-8)
 
 
+ARM = """
+[[link]]
+name   = "shoulder"
+xyz    = [0.2, 0, 0.4]
+axis   = "z"
+mass   = 1
+com    = [0, 0, 0.1]
+inertia = [0.01, 0.01, 0.01, 0, 0, 0]
+[[link]]
+name   = "upper"
+xyz    = [0, 0, 0.2]
+axis   = "y"
+length = 0.5
+mass   = 1
+com    = [0.25, 0, 0]
+inertia = [0.01, 0.02, 0.02, 0, 0, 0]
+[[link]]
+name   = "fore"
+xyz    = [0.5, 0, 0]
+axis   = "y"
+mass   = 1
+com    = [0.2, 0, 0]
+inertia = [0.01, 0.02, 0.02, 0, 0, 0]
+[[frame]]
+name = "tip"
+on   = "fore"
+xyz  = [0.4, 0, 0]
+"""
+
+
+def test_a_tip_moves_in_the_axes_of_a_rover_that_turns() -> None:
+    module = compiled_module(parse_robot(CART + ARM))
+    moves = {"kind": "circle", "centre": [0.7, 0.1, 0.5], "radius": 0.1, "period": 2}
+    arm = {"arm": {"tip_in_base": moves, "guess_deg": {"upper": -30, "fore": 60}}}
+    flight = driven(module, 2.0, circle(1.5, 8.0), **arm)
+    ahead = np.stack([np.cos(flight.q[:, 2]), np.sin(flight.q[:, 2])], axis=1)
+    away = flight.point("tip")[:, :2] - flight.q[:, :2]
+    left = ahead @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    angle = np.pi * flight.time
+    np.testing.assert_allclose(np.sum(ahead * away, axis=1), 0.7 + 0.1 * np.cos(angle), atol=1e-6)
+    np.testing.assert_allclose(np.sum(left * away, axis=1), 0.1 + 0.1 * np.sin(angle), atol=1e-6)
+    assert flight.tip_error.max() < 1e-6
+
+
 OMNIDIRECTIONAL = (
     CART.replace('drive   = "differential"\n', "").replace('"cart"', '"omni"')
     + f"""

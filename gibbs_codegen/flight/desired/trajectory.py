@@ -34,6 +34,7 @@ from gibbs_codegen.flight.plant.actuators import Actuators, actuators_of, joint_
 from gibbs_codegen.flight.plant.allocation import allocation_of, listed, thrust_axis
 from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
+from gibbs_codegen.flight.scenario.orientation import Carried
 from gibbs_codegen.flight.scenario.parts import MAX_DURATION, StartOffset
 from gibbs_codegen.flight.scenario.paths import Fixed, Path
 from gibbs_codegen.flight.scenario.scenario import ArmTask, Scenario, on_clock, slow_motion
@@ -278,6 +279,11 @@ def check_arm(vehicle: RobotData, scenario: Scenario) -> Actuators:
     _check_limits(vehicle, task, "guess", guess, limits, task.guess or ())
     if task.tip:
         check_tip(vehicle)
+    if isinstance(task.tip, Carried) and vehicle.layout.moves_freely:
+        raise UsageError(
+            f"arm.tip_in_base: {vehicle.name} flies, and turns as its rotors need; give "
+            "arm.tip_beside_base, in world axes"
+        )
     for name in task.frames:
         vehicle.frame_place(name, f"arm.frames.{name}")
     return actuators

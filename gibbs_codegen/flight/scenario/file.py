@@ -33,7 +33,7 @@ from gibbs_codegen.files.table import (
 from gibbs_codegen.files.toml import TOO_DEEP, checked
 from gibbs_codegen.flight.scenario import parts
 from gibbs_codegen.flight.scenario.numbers import JointName, Number, Positive
-from gibbs_codegen.flight.scenario.orientation import AnyAttitude, Level
+from gibbs_codegen.flight.scenario.orientation import AnyAttitude, Carried, Level, Orientation
 from gibbs_codegen.flight.scenario.paths import AnyPath, Path, Sum
 from gibbs_codegen.flight.scenario.scenario import ArmKeys, ArmTask, Limits, Scenario, order_faults
 from gibbs_codegen.flight.scenario.walls import AnyWall
@@ -128,6 +128,9 @@ class ArmTable(ArmKeys, Table):
     tip_beside_base: AnyPath | None = optional(
         "desired path of the tip from the base centre, world axes"
     )
+    tip_in_base: AnyPath | None = optional(
+        "desired path of the tip from the base centre, in axes that turn with a base on the ground"
+    )
     posture: _Values = optional(
         "travel that prismatic joints hold without a tip path, m; default 0"
     )
@@ -161,7 +164,7 @@ class ArmTable(ArmKeys, Table):
 
     def _faults(self) -> Iterator[tuple[Place, str]]:
         """Faults of a tip with two paths, and of postures and moves beyond the limits."""
-        if "tip" in self.frames and (self.tip or self.tip_beside_base):
+        if "tip" in self.frames and (self.tip or self.tip_beside_base or self.tip_in_base):
             yield ("frames", "tip"), "tip already has its path; give one of them"
         for end, limits in (("", self.limits), ("_deg", self.limits_deg)):
             postures, moves = (getattr(self, f"{entry}{end}") for entry in ("posture", "moves"))
@@ -178,11 +181,13 @@ class ArmTable(ArmKeys, Table):
                 if not low <= value <= high:
                     yield place, f"must be within its limits, {low:g} to {high:g}, not {value:g}"
 
-    def task(self, base: Path | None) -> ArmTask:
-        """The task that the table describes, its angles in rad; `base` is the base's path."""
+    def task(self, base: Path | None, attitude: Orientation) -> ArmTask:
+        """The task that the table describes, its angles in rad; the base has a path, if any."""
         tip = self.tip
         if base and self.tip_beside_base:
             tip = Sum((base, self.tip_beside_base))
+        if base and self.tip_in_base:
+            tip = Carried(base, attitude, self.tip_in_base)
         tables = [f"{key}{end}" for key in _BOTH_UNITS for end in ("", "_deg")]
         named = [(joint, table) for table in tables for joint in getattr(self, table) or {}]
         values: dict[str, Any] = {}
@@ -302,11 +307,10 @@ class ScenarioTable(Table):
     def _faults(self) -> Iterator[tuple[Place, str]]:
         """Faults of what begins after the end, and of more samples or steps than may be."""
         duration, settings = self.duration, self.integration
-        if self.arm.tip_beside_base and not self.base.path:
-            words = (
-                "is from the path of the base: give base.path, or the path in the world, arm.tip"
-            )
-            yield ("arm", "tip_beside_base"), words
+        for tip in ("tip_beside_base", "tip_in_base"):
+            if getattr(self.arm, tip) and not self.base.path:
+                words = "give base.path, or the path in the world, arm.tip"
+                yield ("arm", tip), f"is from the path of the base: {words}"
         yield from parts.estimation_faults(self.control, self.sensors)
         beginning: list[tuple[Place, Sequence[parts.Move | parts.Hold]]] = [(("hold",), self.hold)]
         for name in ("moves", "moves_deg"):
@@ -337,7 +341,7 @@ class ScenarioTable(Table):
         return Scenario(
             base=base.path,
             attitude=base.attitude,
-            arm=arm.task(base.path),
+            arm=arm.task(base.path, base.attitude),
             push=push or (parts.Push(**vars(tip_force)) if tip_force else None),
             payloads=payloads,
             walls=walls,

@@ -8,6 +8,7 @@ columns of E are the axes that the three angles turn about. All functions take a
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Annotated, ClassVar, Protocol
 
 import numpy as np
@@ -33,6 +34,8 @@ _STANDSTILL = 1e-6
 # Times from a rest at which that is looked for, s, and parts between two that halve the way to it.
 _AWAY = 1e-3 * 1.25 ** np.arange(80)
 _HALVES = 40
+# Between times whose difference gives a jerk, s.
+_NEAR = 1e-3
 # How far tangents before and after a rest may be from one another.
 _CORNER = 0.05
 # Sine of the angle to the vertical under which the base normal has no side to lean to.
@@ -193,6 +196,37 @@ def _beside(path: Path, time: float, way: float) -> tuple[float, Derivatives] | 
         else:
             moving = middle
     return moving, unit_derivatives(*path(moving)[1:])
+
+
+@dataclass(frozen=True)
+class Carried:
+    """A path from the base centre in axes that turn with the base, which is on a path itself.
+
+    Base arms, which an attitude may go by, are left out.
+    """
+
+    base: Path
+    attitude: Orientation
+    path: Path
+
+    def __call__(self, time: ArrayLike) -> Array:
+        """Position and derivatives (…, 4, 3) at times (…)."""
+        time = np.asarray(time, dtype=np.float64)
+        before, now, after = (self._moved(time + step) for step in (-_NEAR, 0.0, _NEAR))
+        # Orientations have no third derivative; no motion has this one, only clocks do.
+        jerk = (after[..., 2:, :] - before[..., 2:, :]) / (2.0 * _NEAR)
+        return np.concatenate([now, jerk], axis=-2)
+
+    def _moved(self, time: Array) -> Array:
+        """Position, velocity and acceleration (…, 3, 3)."""
+        turning = self.attitude(self.base, time, np.zeros(0))
+        beside = self.path(time)[..., :3, :] @ np.swapaxes(turning.rotation, -1, -2)
+        spin, (place, rate, acceleration) = turning.velocity, np.moveaxis(beside, -2, 0)
+        carried = np.cross(spin, place)
+        acceleration = acceleration + np.cross(turning.acceleration, place)
+        acceleration = acceleration + np.cross(spin, 2.0 * rate + carried)
+        moved = np.stack([place, rate + carried, acceleration], axis=-2)
+        return np.asarray(self.base(time)[..., :3, :] + moved)
 
 
 def heading_error(path: Path, time: ArrayLike, direction: Array) -> Array:

@@ -44,7 +44,7 @@ class ArmKeys:
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
         """Faults of keys that say twice what the arm does, and of a guess without a tip path."""
-        tips = [entry for entry in ("tip", "tip_beside_base") if entry in values]
+        tips = [entry for entry in ("tip", "tip_beside_base", "tip_in_base") if entry in values]
         led = [*tips, *(["frames"] if "frames" in values else [])]
         postures = ("posture", "posture_deg", "moves", "moves_deg")
         others = [*tips[1:], *(entry for entry in postures if entry in values)]

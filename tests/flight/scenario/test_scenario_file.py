@@ -449,6 +449,7 @@ def test_what_should_be_a_table(path: tuple[str, ...], value: object) -> None:
         ("base.attitude", {"kind": "level", "arm": 2}, "arm: unknown key"),
         ("arm.posture_deg", {"theta_7": 0}, "tip already says what the arm does"),
         ("arm.tip_beside_base", {"kind": "fixed", "position": [0] * 3}, "tip already says what"),
+        ("arm.tip_in_base", {"kind": "fixed", "position": [0] * 3}, "tip already says what"),
         ("arm.guess_deg", {"": 1}, "must be the name of a joint: of its coordinate"),
         ("arm.guess_deg", {"theta_7\n": 1}, r"'theta_7\n': must be the name of a joint"),
         ("arm.guess_deg", {"theta_7": [1]}, "theta_7: must be a number, not a list"),
