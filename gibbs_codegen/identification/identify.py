@@ -13,7 +13,7 @@ import numpy as np
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.staging import put_in_place, staging_folder, writing
 from gibbs_codegen.flight.logs.log import recorded_of
-from gibbs_codegen.flight.plant.vehicle import RobotData, Vehicle
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight, flight_file, read_flight
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.identification.model import Model
@@ -154,7 +154,7 @@ def identify(
         The numbers.
 
     Raises:
-        UsageError: If a log or a pattern is not of the robot, or it has wheels or loops.
+        UsageError: If a log or a pattern is not of the robot, or it has loops.
     """
     module = identifiable(robot)
     if not prior > 0.0 or not 0.0 <= hold_out <= 0.9:
@@ -223,11 +223,8 @@ def identify(
 
 
 def identifiable(robot: ModuleType | str | os.PathLike[str]) -> ModuleType:
-    """The module of a robot; `UsageError` if it is on wheels or has loops of a mechanism."""
+    """The module of a robot; `UsageError` if it has loops of a mechanism."""
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
-    layout = RobotData(module).layout
-    if layout.has_drive or layout.q.wheels:
-        raise UsageError(f"{module.NAME}: identify is not for robots on wheels")
     if getattr(module, "LOOPS", ()):
         raise UsageError(f"{module.NAME}: has a mechanism with loops, whose forces no log tells")
     return module
@@ -303,7 +300,7 @@ def _by_motion(
     # What is not explained by noise makes numbers less certain than noise alone would.
     doubt = max(1.0, float(spread.max()), float(estimate.left.max())) ** 2
     whole = doubted(estimate.covariance, smoother.prior, doubt)
-    names = [f"pose, along {name}" for name in module.VELOCITIES]
+    names = [f"pose, along {name}" for name, _ in smoother.model.layout.displacements]
     names += [f"IMU at {frame}, {what}" for frame in frames for what in _FELT]
     labels = ["drag of the base, N s/m"] * smoother.model.free
     labels += [f"bias of the IMU at {frame}, {what}" for frame in frames for what in _FELT]
@@ -460,10 +457,10 @@ def _errors_ahead(smoother: Smoother, estimate: Estimate) -> dict[str, float]:
     for k in range(steps):
         after, _ = smoother.stepped(estimate.shared, state, starts + k)
         state = {**after, "pull": state["pull"]}
-    away = model.module.difference(smoother.q[starts + steps], state["q"])
-    known = smoother.has[starts + steps][:, : model.nv] > 0.0
-    v = model.layout.v
-    kinds = {"position, m": v.position, "attitude, rad": v.attitude, "joints, rad or m": v.joints}
+    away = model.vehicle.displacement(smoother.q[starts + steps], state["q"])
+    known = smoother.has[starts + steps][:, : model.nd] > 0.0
+    d = model.layout.displaced
+    kinds = {"position, m": d.position, "attitude, rad": d.attitude, "joints, rad or m": d.joints}
     return {
         name: float(np.sqrt(np.mean(away[:, place][known[:, place]] ** 2)))
         for name, place in kinds.items()

@@ -14,6 +14,7 @@ import numpy as np
 
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program, constant, join, reshaped, variable, zeros
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.machine.machine import Machine, Rates, Surroundings
 from gibbs_codegen.machine.sensors import SensedMotion, SensorAt, imu
@@ -45,10 +46,10 @@ class Model:
     """
 
     def __init__(self, module: ModuleType, h: float, imus: Sequence[int], noise: Array) -> None:
-        robot = Functions(module)
+        robot, self.vehicle = Functions(module), Vehicle(module)
         self.module, self.h, self.layout, self.noise = module, h, robot.layout, noise
         self.free = robot.layout.moves_freely
-        self.nq, self.nv = robot.space.coordinates, robot.space.velocities
+        self.nd, self.nv = robot.space.displacements, robot.space.velocities
         constants = {} if robot.driven else module.TIME_CONSTANTS
         self._lagging = [k for k, name in enumerate(module.INPUTS) if name in constants]
         self._times = [constants[module.INPUTS[k]] for k in self._lagging]
@@ -149,12 +150,12 @@ class Model:
         return levels
 
     def moved(self, state: Mapping[str, Array], change: Array) -> dict[str, Array]:
-        """States after changes (…, 2 nv + nx + pulls) of q, in the tangent space, v, x and pull."""
-        q, v, x, pull = np.split(change, np.cumsum([self.nv, self.nv, self.nx]), axis=-1)
-        after = {"q": self.module.integrate(state["q"], q), "v": state["v"] + v}
+        """States after changes (…, nd + nv + nx + pulls) of q, in the tangent space, v, x, pull."""
+        q, v, x, pull = np.split(change, np.cumsum([self.nd, self.nv, self.nx]), axis=-1)
+        after = {"q": self.vehicle.displaced(state["q"], q), "v": state["v"] + v}
         return after | {"x": state["x"] + x, "pull": state["pull"] + pull}
 
     def away(self, state: Mapping[str, Array], other: Mapping[str, Array]) -> Array:
-        """The changes (…, 2 nv + nx) of q, v and x from a state to another."""
-        q = self.module.difference(state["q"], other["q"])
+        """The changes (…, nd + nv + nx) of q, v and x from a state to another."""
+        q = self.vehicle.displacement(state["q"], other["q"])
         return np.concatenate([q, other["v"] - state["v"], other["x"] - state["x"]], axis=-1)

@@ -13,7 +13,6 @@ from scipy.interpolate import interp1d
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
-from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.logs.motion import imus
 from gibbs_codegen.flight.logs.reading import (
@@ -57,7 +56,8 @@ class Recording:
         time: Times (s), s, evenly spaced.
         commands: Commands of motors and servos (s, nu), or inputs of a robot without these, each
             from its time to the next.
-        q: Coordinates (s, nq): of the base as motion capture tells them, of joints as encoders do.
+        q: Coordinates (s, nq): of the base as motion capture tells them, of joints as encoders do;
+            where nothing tells those of a base on wheels, angles of its wheels do.
         imus: By frame specific force and angular velocity (s, 6), m/s² and rad/s, its axes.
         source: Name of the log.
     """
@@ -200,6 +200,7 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
         known_at[name] = np.abs(samples.time[nearest] - grid) <= half
     q = motion_of(vehicle, arrays, (grid - begin) * 1e-9)[0]
     layout = vehicle.layout.q
+    q[:, layout.angles] = np.nan  # Of which nothing is read.
     places: dict[Any, Any] = {"position": layout.position, "attitude": layout.attitude}
     places |= {("q", n): p for n, p in zip(vehicle.joint_names, layout.joint_places, strict=True)}
     for name, place in places.items():
@@ -219,6 +220,27 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
         Recording(seconds, commands, q, felt, source),
         [slice(a, b) for a, b in zip(cuts, ends, strict=False)],
     )
+
+
+def _reckoned(vehicle: Vehicle, q: Array) -> Array:
+    """Coordinates (s, nq) of a base on wheels: where nothing tells its place, their angles do.
+
+    Of the angles themselves, which nothing depends on, none is left that is not known.
+    """
+    layout, base, angles = vehicle.layout, vehicle.layout.q.base, q[:, vehicle.layout.q.angles]
+    ways = np.eye(layout.v.size)[layout.v.base]
+    turns = vehicle.coordinate_rates(np.tile(vehicle.neutral, (len(ways), 1)), ways)
+    turns = turns[:, layout.q.angles]
+    if np.isnan(angles).any():
+        angles = np.zeros_like(angles)
+    elif np.isnan(q[:, base]).all() and np.linalg.matrix_rank(turns) == len(ways):
+        moves = np.diff(angles, axis=0) @ np.linalg.pinv(turns) @ ways
+        places = [vehicle.neutral]
+        for move in moves:
+            places.append(vehicle.module.integrate(places[-1], move))
+        q[:, base] = np.array(places)[:, base]
+    q[:, layout.q.angles] = angles
+    return q
 
 
 def _means(samples: Samples, begin: Any, length: int) -> Array:
@@ -308,12 +330,16 @@ def input_noise(recordings: Sequence[Recording], module: Any) -> Array:
 class Readings:
     """Readings of a recording as a fit takes them, with deviations, and a first guess of states.
 
-    `q` (s, nq) are those that are known, `has` (s, nv) which; `felt` (s, 6 i) of IMUs, NaN where
+    `q` (s, nq) are those that are known, `has` (s, nd) which; `felt` (s, 6 i) of IMUs, NaN where
     there is none, and `felt_filled`. `blind` if no reading tells the pose of a base that flies.
     """
 
     def __init__(self, recording: Recording, module: Any, frames: tuple[str, ...]) -> None:
-        q, layout = recording.q.copy(), Functions(module).layout
+        q, vehicle = recording.q.copy(), Vehicle(module)
+        vehicle.check_wheels()
+        layout = vehicle.layout
+        if layout.q.wheels:
+            q = _reckoned(vehicle, q)
         known = np.isfinite(q)
         lacking = known.sum(axis=0) < _LEAST_READINGS
         # Without a pose it is as good to stay in one: accelerometers do not feel gravity.
@@ -330,9 +356,10 @@ class Readings:
         h, count, self.commands = recording.step, len(recording.time), recording.commands
         smooth = _filled(np.where(known, q, np.nan))
         self.q = np.where(known, q, smooth)
-        extra = self.q.shape[1] - len(module.VELOCITIES)
-        # A quaternion's four entries, which a free base has behind its place, are three of `v`.
-        self.has = np.delete(known, [6] * extra, axis=1)
+        # A quaternion's four entries, which a free base has behind its place, are three of `v`;
+        # angles of wheels at the end are none.
+        self.has = np.delete(known, [6] * layout.is_quaternion, axis=1)
+        self.has = self.has[:, : layout.displaced.size]
         self.felt = np.concatenate(
             [np.zeros((count, 0)), *(recording.imus[frame] for frame in frames)], axis=1
         )
@@ -341,14 +368,14 @@ class Readings:
         guess = sosfiltfilt(low, smooth, axis=0)
         zero = np.zeros(len(module.VELOCITIES))
         self.guess = module.integrate(module.integrate(guess, zero), zero)
-        if extra:
+        if layout.is_quaternion:
             self.guess[:, 3:7] /= np.linalg.norm(self.guess[:, 3:7], axis=1, keepdims=True)
         ahead = module.difference(self.guess[:-1], self.guess[1:]) / h
         self.rates = np.concatenate([ahead[:1], 0.5 * (ahead[1:] + ahead[:-1]), ahead[-1:]])
         floor = _FLOOR if layout.moves_freely else _FLOOR_ENCODER
         self.deviations = np.empty(len(self.has.T))
         for k, rows in enumerate(self.has.T):
-            moves = module.difference(self.q[rows][:-1], self.q[rows][1:])[:, [k]]
+            moves = vehicle.displacement(self.q[rows][:-1], self.q[rows][1:])[:, [k]]
             self.deviations[k] = deviation(moves, floor, increments=True)[0]
         if self.blind:
             self.rates[:, layout.v.attitude] = self.felt_filled[:, 3:6]

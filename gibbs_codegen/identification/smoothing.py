@@ -82,9 +82,8 @@ class Smoother:
         self.felt = np.nan_to_num(self.felt)
         weights = [np.concatenate([log.deviations, log.felt_deviations]) for log in logs]
         self.weights = 1.0 / np.sqrt(np.mean(np.square(weights), axis=0))
-        root, nv = np.sqrt(model.h), model.nv
-        steps = np.array([*[_OF_Q * root] * nv, *[_OF_V * root] * nv, *[_OF_X * root] * model.nx])
-        self.step_weights = 1.0 / steps
+        sizes = np.repeat([_OF_Q, _OF_V, _OF_X], [model.nd, model.nv, model.nx])
+        self.step_weights = 1.0 / (sizes * np.sqrt(model.h))
         self.left = np.exp(-model.h / _WIND_TIME) if model.free else 0.0
         self.imus = self.felt.shape[1]
         prior = [unknowns.prior] * len(unknowns.names)
@@ -117,7 +116,7 @@ class Smoother:
         """Weighted readings (s, m), what steps leave (s, n), and prior."""
         state = estimate.state
         after, felt = self.stepped(estimate.shared, state)
-        away = self.model.module.difference(self.q, state["q"])
+        away = self.model.vehicle.displacement(self.q, state["q"])
         misses = np.concatenate([away, felt - self.felt], axis=1) * self.weights * self.has
         ahead = {name: np.roll(values, -1, axis=0) for name, values in state.items()}
         pulls = self.left * state["pull"] - ahead["pull"]
@@ -133,19 +132,19 @@ class Smoother:
         """Slopes of readings and steps (s, n + free, ·) along the state and what is shared."""
         model, shared = self.model, estimate.shared
         state = {name: values[rows] for name, values in estimate.state.items()}
-        m, (after, felt) = 2 * model.nv + model.nx, self.stepped(shared, state, rows)
+        m, (after, felt) = model.nd + model.nv + model.nx, self.stepped(shared, state, rows)
         n = m + model.pulls
-        reads = np.zeros((len(felt), n + free, model.nv + self.imus))
+        reads = np.zeros((len(felt), n + free, model.nd + self.imus))
         steps = np.zeros((len(felt), n + free, n))
-        reads[:, range(model.nv), range(model.nv)] = 1.0
+        reads[:, range(model.nd), range(model.nd)] = 1.0
         steps[:, range(m, n), range(m, n)] = self.left
         for place, way in enumerate(_STEP * np.eye(n + free, n + len(shared))):
             moved = model.moved(state, way[:n]) if place < n else state
             other, feels = self.stepped(shared + way[n:], moved, rows)
             steps[:, place, :m] = model.away(after, other)
-            reads[:, place, model.nv :] = feels - felt
+            reads[:, place, model.nd :] = feels - felt
         steps[..., :m] /= _STEP
-        reads[..., model.nv :] /= _STEP
+        reads[..., model.nd :] /= _STEP
         return reads, steps
 
     def _part(

@@ -274,6 +274,11 @@ class Vehicle(RobotData):
         """The displacement (…, nd) between coordinates (…, nq), with a drive sideways too."""
         return np.asarray(_displacement(self.module)({"q": q0, "other": q})["displacement"])
 
+    def displaced(self, q: Array, displacement: Array) -> Array:
+        """Coordinates (…, nq) after a displacement (…, nd), to which `displacement` leads back."""
+        values = {"q": q, "way": displacement}
+        return np.asarray(_displaced(self.module)(values, {"robot": self.constants})["displaced"])
+
     @property
     def wheels(self) -> Array:
         """Angles (w, 3) of wheels that turn by the way along the base's axes, rad/m."""
@@ -360,6 +365,15 @@ def _displacement(module: ModuleType) -> Evaluator:
     q, other = robot.coordinates(), robot.coordinates("other")
     outputs = {"displacement": robot.displacement(q, other)}
     return Evaluator(Program("displacement", (q, other), outputs), {"robot": module})
+
+
+@lru_cache(maxsize=64)
+def _displaced(module: ModuleType) -> Evaluator:
+    """Evaluation of coordinates `q` after a displacement `way`."""
+    robot = Functions(module)
+    q, way = robot.coordinates(), variable("way", robot.space.displacements)
+    outputs = {"displaced": robot.displaced(q, way)}
+    return Evaluator(Program("displaced", (q, way), outputs), {"robot": module})
 
 
 @lru_cache(maxsize=64)

@@ -1,0 +1,87 @@
+"""Robots on wheels, from torques, joints' encoders, and motion capture or encoders of wheels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.emitted import compiled_module
+
+from gibbs_codegen import identify, parse_robot, read_scenario, simulate
+from gibbs_codegen.flight.record.flight import Flight
+from gibbs_codegen.identification.recorded import recording_of
+
+ROVER = """
+name = "rover"
+[base]
+motion  = "planar"
+drive   = "differential"
+mass    = 30
+com     = [0.3, 0, 0.2]
+inertia = [10, 10, 15.6, 0, 0, 0]
+[[link]]
+name    = "arm"
+xyz     = [0.2, 0, 0.4]
+axis    = "z"
+mass    = 3
+com     = [0.3, 0, 0]
+inertia = [0.01, 0.1, 0.1, 0, 0, 0]
+[[wheel]]
+name   = "left"
+joint  = "left"
+radius = 0.15
+xyz    = [0, 0.5, 0.15]
+effort = 60
+[[wheel]]
+name   = "right"
+joint  = "right"
+radius = 0.15
+xyz    = [0, -0.5, 0.15]
+effort = 60
+"""
+REAL = {"base_mass": 34.0, "base_com_x": 0.26, "base_inertia_zz": 13.5, "arm_com_x": 0.35}
+POINTS = [[0, 0, 0], [1, 0.3, 0], [1.5, 1.2, 0], [0.9, 2, 0], [-0.5, 1.7, 0], [-1, 1, 0]]
+WAY = {
+    "name": "bends",
+    "duration": 10,
+    "plant": REAL,
+    "base": {
+        "attitude": {"kind": "tangent"},
+        "path": {"kind": "waypoints", "times": [0, 2, 4, 6, 8, 10], "points": POINTS},
+    },
+    "arm": {
+        "moves_deg": {
+            "arm": [
+                {"to": to, "begin": k, "duration": 1}
+                for k, to in enumerate((60, -50, 80, -20, 70, -60, 40, -80, 30, 0))
+            ]
+        }
+    },
+    "control": {"rate": 100},
+    "integration": {"method": "rk4", "step": 0.005, "rate": 100},
+}
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return simulate(compiled_module(parse_robot(ROVER)), read_scenario(WAY))
+
+
+@pytest.mark.parametrize("captured", [True, False])
+def test_numbers_of_a_rover_are_found_within_their_deviations(flight, captured: bool) -> None:
+    """Of the base nothing is known but by its wheels, of which nothing is known but by it."""
+    module, rng = compiled_module(parse_robot(ROVER)), np.random.default_rng(3)
+    recording = recording_of(flight, module, "bends")
+    q = recording.q.copy()
+    q[:, 3:] = 1e-3 * np.round(1e3 * q[:, 3:])  # Encoders.
+    q[:, :3] += rng.normal(size=(len(q), 3)) * [5e-4, 5e-4, 1e-3]
+    q[:, slice(4, 6) if captured else slice(0, 3)] = np.nan
+    found = identify(module, replace(recording, q=q), [*REAL], hold_out=0.25)
+    assert found.settled
+    sought = [found.names.index(name) for name in REAL]
+    off = found.values[sought] - np.array([*REAL.values()])
+    assert np.abs(off / found.deviations[sought]).max() < 4.0
+    np.testing.assert_allclose(found.values[sought], [*REAL.values()], rtol=0.01)
+    assert found.prediction.keys() == {"position, m", "attitude, rad", "joints, rad or m"}
+    assert all(after < before for before, after in found.prediction.values())
