@@ -770,20 +770,32 @@ class CProgram:
 
     def _declared(self) -> list[str]:
         """Declarations of the arrays between statements."""
-        total = max((x.begin + x.size for x in self.arrays.values()), default=0)
         kind = "real" if self.is_plain else "number"
-        lines = [f"{kind} room[{total}];"] if total else []
+        lines = [f"{kind} room[{self._room}];"] if self._room else []
         for name, storage in self.arrays.items():
             begin = f" + {storage.begin}" if storage.begin else ""
             lines.append(f"{kind} *const {name} = room{begin};")
+        return [*lines, *(f"real {name}[{size}];" for name, size in self._shared.items())]
+
+    @cached_property
+    def _room(self) -> int:
+        """Entries of the arrays of each state."""
+        return max((x.begin + x.size for x in self.arrays.values()), default=0)
+
+    @cached_property
+    def _shared(self) -> dict[str, int]:
+        """Entries of the arrays of all states."""
         uniform: dict[str, int] = {}
         outputs = self.program.outputs
         for x in self.when:
             if x.shape and not self._is_in_room(x) and self.places[x].array not in outputs:
                 array = self.places[x].array
                 uniform[array] = max(uniform.get(array, 0), x.size)
-        lines += [f"real {name}[{size}];" for name, size in uniform.items()]
-        return lines
+        return uniform
+
+    def stack(self, lanes: int) -> int:
+        """Reals that its arrays take of the stack in a block of states."""
+        return self._room * lanes + sum(self._shared.values())
 
     def constants(self) -> list[str]:
         """Tables of the numbers that the program has."""
@@ -843,6 +855,7 @@ def c_functions(programs: Sequence[Program], prefix: str = "", storage: str = ""
 # Names that the text of a program defines, except functions that are written by hand.
 _RESERVED = frozenset((*_FUNCTIONS.values(), "sum", "room", "context", "solve", "same"))
 _RESERVED |= {"real", "number", "constants", "Constants", "part"}
+_RESERVED |= {"Parts", "parts_of", "whole_of"}
 _KEYWORDS = """
     auto break case char const continue default do double else enum extern float for goto if inline
     int long register restrict return short signed sizeof static struct switch typedef union

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
@@ -23,6 +24,8 @@ from gibbs_codegen.runtime.c_backend import default_constants
 from gibbs_codegen.runtime.programs import PREFIX, c_text, called, library
 
 Array = NDArray[np.floating[Any]]
+# Bytes that may stand on the stack: of blocks of rows, and of what is computed between them.
+_ROWS_ON_STACK, _BETWEEN_ON_STACK = 100_000, 4_000_000
 
 
 class BlockProgram:
@@ -44,6 +47,8 @@ class BlockProgram:
         # Outputs that all states share have one row.
         self.shared = [self._text.uniform(x) for x in program.outputs.values()]
         self._per_state = per_state
+        # Numbers of the blocks that are not on the stack.
+        self._apart = 0
         self._function = self._compiled()
 
     def __call__(
@@ -101,6 +106,9 @@ class BlockProgram:
         `addresses` are of rows, of inputs and then of constants of the owners, so far apart as
         `distances` has them, and of results.
         """
+        if self._apart:
+            memory = self._blocks.filled(self._apart, self._blocks.lanes)
+            addresses = [*addresses, memory.ctypes.data]
         self._function(count, distances, self._pointers(*addresses))
 
     @cached_property
@@ -144,9 +152,17 @@ class BlockProgram:
             raise UsageError(
                 f"{program.name} calls functions of {', '.join(sorted(others))}, not of {name}"
             )
+        texts = self._text, *(CProgram(x, PREFIX) for x in program.inner)
+        between = self._blocks.real.itemsize * sum(x.stack(self._blocks.lanes) for x in texts)
+        if between > _BETWEEN_ON_STACK:
+            raise UsageError(
+                f"{program.name}: values between its inputs and outputs take {between / 1e6:.3g} "
+                f"MB, more than {_BETWEEN_ON_STACK / 1e6:.3g} MB of the stack; make several "
+                "programs of it"
+            )
         robot, each = Functions(self._module), self._per_state
         arrays = len(program.inputs) + len(self.owners) + len(program.outputs)
-        self._pointers = ctypes.c_void_p * arrays
+        self._pointers = ctypes.c_void_p * (arrays + 1)
         source = c_text(
             [program], robot, self._blocks.lanes, per_state=each, engine=self._through_rows()
         )
@@ -157,7 +173,7 @@ class BlockProgram:
             f"the program {program.name}",
             single=self._blocks.single,
             per_state=each,
-        ).program_rows
+        ).run_rows
         made.argtypes = ctypes.c_size_t, ctypes.c_void_p, ctypes.c_void_p
         made.restype = None
         return made
@@ -167,11 +183,12 @@ class BlockProgram:
         inputs, results = self.program.inputs, self.program.outputs.values()
         rows = [(f"given_{k}", x.size, x.is_uniform, x.shape) for k, x in enumerate(inputs)]
         rows += [(owner, self.default.size, not self._per_state, (0,)) for owner in self.owners]
-        arrays, before, after, passed = [], [], [], []
+        sizes: dict[str, int] = {}
+        before, after, passed = [], [], []
         for place, (name, size, is_shared, shape) in enumerate(rows):
             array = f"arrays[{place}]" if is_shared else name
             if not is_shared:
-                arrays.append(f"number {name}[{max(size, 1)}];")
+                sizes[name] = max(size, 1)
                 before.append(f"take(arrays, distances, {place}, first, filled, {size}, {name});")
             passed.append(array if shape else f"*{array}")
         constants = passed[len(inputs) :]
@@ -179,12 +196,20 @@ class BlockProgram:
         for place, (x, is_shared) in enumerate(zip(results, self.shared, strict=True), len(rows)):
             array = f"arrays[{place}]" if is_shared else f"made_{place}"
             if not is_shared:
-                arrays.append(f"number {array}[{max(x.size, 1)}];")
+                sizes[array] = max(x.size, 1)
                 after.append(
                     f"give({array}, filled, {x.size}, arrays[{place}] + first * {x.size});"
                 )
             passed.append(array)
         passed[:0] = [f"(const Constants *){array}" for array in constants]
+        arrays = [f"number {name}[{size}];" for name, size in sizes.items()]
+        total = sum(sizes.values())
+        if total * self._blocks.lanes * self._blocks.real.itemsize > _ROWS_ON_STACK:
+            memory = f"(number *)arrays[{len(rows) + len(self.shared)}]"
+            begins = itertools.accumulate(sizes.values(), initial=0)
+            pairs = zip(sizes, begins, strict=False)
+            arrays = [f"number *const {name} = {memory} + {begin};" for name, begin in pairs]
+            self._apart = total
         return [
             "typedef struct {",
             "    const real *entries;",
@@ -192,7 +217,7 @@ class BlockProgram:
             "} Rows;",
             c_source("rows.c"),
             *_ROWS,
-            "void program_rows(",
+            "void run_rows(",
             "    const size_t count, const size_t *distances, real *const *arrays)",
             "{",
             *(f"    {line}" for line in arrays),

@@ -18,6 +18,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from types import ModuleType
 from typing import Any, NamedTuple, TypeAlias
+from weakref import WeakValueDictionary
 
 import numpy as np
 import torch
@@ -53,7 +54,7 @@ Tensors = Sequence[torch.Tensor]
 # What computes a program of operands.
 Called: TypeAlias = "Callable[[TensorProgram, Tensors], Tensors]"
 # Programs by what stands for them in what `torch.compile` keeps, for this process or another.
-_KNOWN: dict[str, TensorProgram | Preparation] = {}
+_KNOWN: WeakValueDictionary[str, Any] = WeakValueDictionary()
 _DOUBLE = torch.float64
 _MOST_PLANS = 256
 
@@ -301,7 +302,8 @@ def call(operands: list[torch.Tensor], key: str) -> list[torch.Tensor]:
 
 def _known(key: str) -> Any:
     """The program of a key; its rules are made where they are not there yet."""
-    if key not in _KNOWN:
+    program = _KNOWN.get(key)
+    if program is None:
         base, bar, rule = key.rpartition("|")
         if not bar:
             raise UsageError(
@@ -310,7 +312,7 @@ def _known(key: str) -> Any:
             )
         kind, _, by = rule.partition(" ")
         return _known(base).rule(kind, by)
-    return _KNOWN[key]
+    return program
 
 
 @call.register_fake  # type: ignore[untyped-decorator]
@@ -379,9 +381,10 @@ class TensorFunction:
         self._name, self._names, owners = program.name, program.names, owners_of(program)
         # torch.compile makes none.
         self._given = {
-            some: TensorProgram(program, module, some, f"{key} of {' '.join(some)}")
+            some: _KNOWN.get(whole) or TensorProgram(program, module, some, whole)
             for count in range(len(owners) + 1)
             for some in itertools.combinations(owners, count)
+            for whole in [f"{key} of {' '.join(some)}"]
         }
 
     def __call__(
@@ -498,7 +501,8 @@ def _program(robot: Functions, name: str) -> Program:
 
 def _prepare(in_c: ModuleType) -> Callable[[Mapping[str, Any]], Any]:
     """The function `prepare` of a module."""
-    program = Preparation(in_c, f"{in_c.NAME} constants {in_c.compiled.digest}")
+    key = f"{in_c.NAME} constants {in_c.compiled.digest}"
+    program = _KNOWN.get(key) or Preparation(in_c, key)
 
     def prepare(parameters: Mapping[str, Any]) -> Any:
         if unknown := {**parameters}.keys() - in_c.PARAMETERS.keys():

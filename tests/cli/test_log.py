@@ -8,9 +8,11 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+import pytest
 from support.command import run
 from support.synthetic_flight import synthetic_flight
 
+from gibbs_codegen.cli import robot_argument
 from gibbs_codegen.flight.logs.log import write_log
 from gibbs_codegen.flight.record.flight import read_flight
 
@@ -58,3 +60,17 @@ def test_a_log_becomes_a_flight(shipped: Callable[[str], ModuleType], tmp_path: 
     done = run("replay", "hexarotor_3link", "tables", "--name", "theta_7", cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
     assert "theta_7: must be KEY=VALUE" in done.stderr
+
+
+def test_what_is_not_there_is_said_before_anything_is_derived(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(robot_argument, "found_module", None)
+    (tmp_path / "tables").mkdir()
+    for words, message in (
+        (["none"], "none: is not there; give a log"),
+        (["tables", "--estimate", "none.toml"], "none.toml: "),
+    ):
+        done = run("replay", "quadrotor", *words, cwd=tmp_path)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert message in done.stderr

@@ -172,6 +172,16 @@ def test_what_all_states_share_is_there_without_states(module: ModuleType) -> No
     assert found["z"].shape == (0, 3)
 
 
+def test_rows_may_be_larger_than_the_stack(module: ModuleType) -> None:
+    """Where they are read and written; what is computed between them may not."""
+    x, each = variable("x", 200_000), np.add.outer([0.0, 0.5, 1.0], np.arange(200_000.0))
+    found = compile_program(Program("rows", (x,), {"y": 2.0 * x}), module)({"x": each})
+    np.testing.assert_array_equal(found["y"], 2.0 * each)
+    squares = x * x
+    with pytest.raises(UsageError, match=r"wide: .* take 12\.8 MB, more than 4 MB of the stack"):
+        compile_program(Program("wide", (x,), {"y": total(squares) * squares}), module)
+
+
 def test_what_cannot_be_is_said(module: ModuleType, law: Program, tmp_path: Path) -> None:
     x: Node = variable("x", 2)
     by_hand = Program("by_hand", (x,), {"y": external("own", (2,), x)})
@@ -183,7 +193,7 @@ def test_what_cannot_be_is_said(module: ModuleType, law: Program, tmp_path: Path
         compile_program(law, load(FOLDER))
     with pytest.raises(OutputError, match="cannot be written"):
         write_c(law, Functions(module), tmp_path / "nowhere")
-    for name in ("double", "y-1", "minimum"):
+    for name in ("double", "y-1", "minimum", "Parts"):
         with pytest.raises(UsageError, match=f"can be called '{name}'"):
             compile_program(Program("f", (x,), {name: x + 1.0}), module)
     with pytest.raises(UsageError, match="laws: a module has a file of that name"):

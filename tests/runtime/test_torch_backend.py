@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import sys
 from dataclasses import replace
@@ -218,6 +219,24 @@ def test_doubles_are_read_where_they_are(pair: Pair, monkeypatch: pytest.MonkeyP
     found = pair.ours.forward_dynamics(*given)
     assert seen[:3] == [x.data_ptr() for x in given]
     assert seen[-1] == found.data_ptr()
+
+
+def test_programs_are_kept_while_somebody_has_them(pair: Pair) -> None:
+    """One of two that are the same, too."""
+    x = variable("x", 2)
+    program = Program("kept", (x,), {"y": x * x})
+    first, known = differentiable(program, pair.ours), len(torch_backend._KNOWN)
+    second = differentiable(program, pair.ours)
+    assert len(torch_backend._KNOWN) == known
+    del first
+    gc.collect()
+    given = torch.ones(2, requires_grad=True)
+    torch.compile(second, backend="eager")(given).sum().backward()
+    assert given.grad.tolist() == [2.0, 2.0]
+    torch.compiler.reset()
+    del second
+    gc.collect()
+    assert len(torch_backend._KNOWN) < known
 
 
 def test_arguments_are_refused_as_by_the_numpy_module(pair: Pair) -> None:

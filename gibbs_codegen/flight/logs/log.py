@@ -116,10 +116,7 @@ def recorded_of(vehicle: Vehicle, log: StrPath, names: Mapping[str, str | float]
             if name not in vehicle.joint_names:
                 raise UsageError(f"names: {name}: must be {called}, not {written(alias)}")
             numbers(f"names: {name}", alias, f"{called}, or the number at which it stands", ())
-    if not path.exists():
-        raise UsageError(f"{printable(path)}: is not there; give a log")
-    if path.suffix == ".npz" or (path / "flight.npz").exists():
-        raise UsageError(f"{printable(path)}: is a flight already, which read_flight reads")
+    require_log(path)
     try:
         with np.errstate(all="ignore"):  # Impossible numbers are left out later.
             read = read_crazyflie if is_crazyflie(path) else read_px4 if is_px4(path) else read_bag
@@ -153,3 +150,12 @@ def recorded_of(vehicle: Vehicle, log: StrPath, names: Mapping[str, str | float]
                 f"there, or the number at which it stands. There are: {there}"
             )
     return recorded
+
+
+def require_log(log: StrPath) -> None:
+    """Raise `UsageError` for a path at which nothing is, or a flight."""
+    path = Path(log)
+    if not path.exists():
+        raise UsageError(f"{printable(path)}: is not there; give a log")
+    if path.suffix == ".npz" or (path / "flight.npz").exists():
+        raise UsageError(f"{printable(path)}: is a flight already, which read_flight reads")
