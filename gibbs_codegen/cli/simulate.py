@@ -188,9 +188,10 @@ def estimation(flight: Flight) -> str:
     inside = np.mean(np.abs(off) <= 2.0 * spread)
     pairs = zip(flight.innovation_names, flight.innovations.T, strict=True)
     innovations = [f"{name} {np.mean(x[x >= 0.0]):.2g}" for name, x in pairs if np.any(x >= 0.0)]
+    words = f"; mean squares of innovations, of 1 expected: {', '.join(innovations)}"
     return (
         f"estimates are off by {', '.join(sizes)} (RMS), {100.0 * inside:.3g} % by at most two "
-        f"deviations; mean squares of innovations, of 1 expected: {', '.join(innovations)}"
+        f"deviations{words if innovations else ''}"
     )
 
 

@@ -21,7 +21,7 @@ Joseph's form is right for every gain, so that outliers and what is no number ha
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -263,20 +263,41 @@ class StateFilter:
         slope = nodes.beside(*(found[f"a_by_{name}"] for name in by))
         q, v, a, h = moving.q, moving.v, found["a"], nodes.variable("h", uniform=True)
         after = {"q_next": robot.integrate(q, h * (v + 0.5 * h * a)), "v_next": v + h * a}
-        loaded = self.loaded
 
         def ahead(errors: Node) -> Node:
             """Errors of q and v (nd + nv, k) after a step, of those of q, v and loads before."""
             now = {x: errors[self.places[name]] for x, name in ((q, "q"), (v, "v"))}
             return nodes.join(*moved(after, now | {a: slope @ errors}).values())
 
+        return self._stepped("predict", after, ahead, [state[name] for name in by], given)
+
+    def coast(self) -> Program:
+        """A step of h by the velocity alone, for times at which an IMU that leads tells nothing."""
+        (q, v), h = self.robot.state(), nodes.variable("h", uniform=True)
+        after = {"q_next": self.robot.integrate(q, h * v), "v_next": 1.0 * v}
+
+        def ahead(errors: Node) -> Node:
+            now = {x: errors[self.places[name]] for x, name in ((q, "q"), (v, "v"))}
+            return nodes.join(*moved(after, now).values())
+
+        return self._stepped("coast", after, ahead, [q, v])
+
+    def _stepped(
+        self,
+        name: str,
+        after: Mapping[str, Node],
+        ahead: Callable[[Node], Node],
+        state: list[Node],
+        given: tuple[Node, ...] = (),
+    ) -> Program:
+        """A step of h, by what follows from errors of q, v and loads, after noise is added."""
         covariance = nodes.variable("covariance", self.size, self.size)
         noise = nodes.variable("noise", self.size, uniform=True)
-        rows = ahead(covariance[:loaded]).transposed
-        grown = _joined(covariance, rows, ahead(rows[:loaded]))
-        outputs = after | {"covariance_next": grown + _diagonal(h * noise)}
-        inputs = *(state[name] for name in by), covariance, *given, h, noise
-        return from_derivatives(Program(f"{self.name}_predict", inputs, outputs))
+        inputs = *state, covariance, *given, nodes.variable("h", uniform=True), noise
+        rows = ahead(covariance[: self.loaded]).transposed
+        grown = _joined(covariance, rows, ahead(rows[: self.loaded]))
+        outputs = dict(after) | {"covariance_next": grown + _diagonal(inputs[-2] * noise)}
+        return from_derivatives(Program(f"{self.name}_{name}", inputs, outputs))
 
     def _update(self, name: str) -> Program:
         """A reading of a sensor, with `variances` of its noise.

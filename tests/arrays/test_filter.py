@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -227,6 +228,43 @@ def test_an_imu_leads_as_by_the_textbook() -> None:
     )
 
 
+def test_the_imu_that_leads_leads_by_its_readings_alone() -> None:
+    """Calls between them change nothing; where it is silent, motion goes on by the velocity."""
+    body = module_with_derivatives(parse_robot(BODY), *CALLED)
+    chosen = read_scenario(
+        {
+            "name": "led",
+            "duration": 1.0,
+            "control": {"estimate": True, "filter": {"by": "imu"}},
+            "sensors": {
+                "imu": [{"rate": 20, "accelerometer_noise": 0.1}],
+                "pose": [{"rate": 10, "position_noise": 0.01, "attitude_noise": 0.01}],
+            },
+        }
+    )
+    found = []
+    for count in (1, 3):
+        estimator = Estimator(body, chosen.sensors, chosen.control.filter)
+        estimator.begin([0.0, 0, 0, 0, 0, 0, 1], [1.0, 0, 0, 0, 0, 0])
+        for k in range(1, 21):
+            for time in 0.05 * (k - 1 + np.arange(1, count + 1) / count):
+                estimator.follow(time, [])
+            told = [k % 3, 0.0, 9.81, 0.0, 0.1 * (k % 2), 0.2]
+            place = [0.05 * k, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+            come = [("imu", 0.05 * k, told), *[("pose", 0.05 * k, place)] * (k % 2)]
+            estimator.follow(0.05 * k, [], come)
+        found.append(estimator.estimate)
+    np.testing.assert_allclose(found[1].q, found[0].q, atol=1e-12)
+    np.testing.assert_allclose(found[1].covariance, found[0].covariance, atol=1e-12)
+    estimator.begin([0.0, 0, 0, 0, 0, 0, 1], [1.0, 0, 0, 0, 0, 0])
+    estimator.follow(1.0, [])
+    estimate = estimator.estimate
+    np.testing.assert_allclose(estimate.q, [1.0, 0, 0, 0, 0, 0, 1], atol=1e-12)
+    # Along x of white noise of 10 m/s²/√Hz, less what steps at whose ends it comes leave out.
+    expected = np.sqrt(0.01**2 * 2 + (100 + 0.05**2) * np.sum((0.01 * np.arange(100)) ** 2) * 0.01)
+    np.testing.assert_allclose(estimate.deviations["q"][0], expected, rtol=1e-6)
+
+
 def skew(x: Array) -> Array:
     """The matrix of a cross product with x (3) before it."""
     return np.cross(np.eye(3), x)
@@ -301,12 +339,12 @@ def test_outliers_and_dropouts_change_nothing(cart: ModuleType) -> None:
 
 
 def test_what_sensors_go_on_telling_is_no_outlier(cart: ModuleType) -> None:
-    """The sixth in a row counts, as a right one in between does not let it."""
-    for right, found in ((None, 5.0), (3, 0.0)):
+    """The sixth in a row counts, as a right one in between does not let it, and none does."""
+    for right, nothing, found in ((None, None, 5.0), (3, None, 0.0), (None, 3, 5.0)):
         estimator = Estimator(cart, read_scenario(SENSED).sensors)
         estimator.begin([0.0], [0.0])
-        for k in range(6):
-            reading = estimator.estimate.q if k == right else [5.0]
+        for k in range(6 + (nothing is not None)):
+            reading = estimator.estimate.q if k == right else [np.nan if k == nothing else 5.0]
             estimator.follow(H * k, [0.0], [("encoders", H * k, reading)])
         assert abs(estimator.estimate.q[0] - found) < 0.1
 
@@ -374,6 +412,9 @@ def test_flights_keep_what_was_estimated(cart: ModuleType, tmp_path: Path) -> No
     inside = np.mean(np.abs(errors) < 2.0 * flight.estimate_deviations[:, :2])
     words = rf"off by {size:.2g} m, .* m/s \(RMS\), {100 * inside:.3g} % .*: encoders "
     assert re.search(words, estimation(flight))
+    assert estimation(replace(flight, innovations=np.nan * flight.innovations)).endswith(
+        "two deviations"
+    )
     for k, axes in enumerate(estimates(flight).axes):
         np.testing.assert_array_equal(axes.lines[0].get_ydata(), errors[:, k])
         assert axes.get_ylabel() == ("cart (m)", "cart (m/s)")[k]

@@ -15,9 +15,6 @@ from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.scenario.parts import Filter, Sensors
 from gibbs_codegen.flight.vectors import Array
 
-# Times, s, that differ by less are the same.
-_SAME = 1e-9
-
 
 def estimated(
     vehicle: Vehicle,
@@ -28,28 +25,38 @@ def estimated(
 ) -> dict[str, Any]:
     """Fields of a flight that a filter tells, by series with times, s, and values of each.
 
-    `known` are time (s), s, q (s, nq), v (s, nv) and inputs u (s, nu) of the flight. Raises
-    `UsageError` for sensors of which the log has nothing, and inputs that it lacks.
+    `known` are time (s), s, q (s, nq) and v (s, nv) of the flight. Raises `UsageError` for sensors
+    of which the log has nothing, or which read the same of it, and inputs that it lacks.
     """
-    estimator, (time, u) = Estimator(vehicle, sensors, settings), (known["time"], known["u"])
+    estimator, time = Estimator(vehicle, sensors, settings), known["time"]
     led = settings is not None and settings.by == "imu"
-    unknown = np.isnan(u).any(axis=0)
-    if unknown.any() and not led:
-        names = ", ".join(np.array(vehicle.inputs)[unknown])
+    inputs = [] if led else [("u", name) for name in vehicle.inputs]
+    if unknown := [name for _, name in inputs if ("u", name) not in series]:
         raise UsageError(
-            f"control.filter.by: the log has no series of {names}, by which the model moves the "
-            'state ahead; name them, or let an IMU lead: by = "imu"'
+            f"control.filter.by: the log has no series of {', '.join(unknown)}, by which the model "
+            'moves the state ahead; name them, or let an IMU lead: by = "imu"'
         )
     come: dict[float, list[tuple[str, float, Array]]] = {float(x): [] for x in time}
+    for name in inputs:
+        come |= {float(x): [] for x in series[name][0] if time[0] <= x <= time[-1]}
+    curves, read = [CubicSpline(*series[name]) for name in inputs], dict[Any, str]()
     for device in (sensors or Sensors()).devices:
-        for taken, values in zip(*_readings(vehicle, series, device), strict=True):
+        kind, readings = device.measures, _readings(vehicle, series, device)
+        source = {"imu": ("imu", getattr(device, "frame", "")), "encoders": kind}.get(kind, "place")
+        if source in read:
+            raise UsageError(
+                f"sensors.{kind}: {device.name} reads the same of the log as {read[source]} does, "
+                "which would count twice; leave one of them out"
+            )
+        read[source] = device.name
+        for taken, values in zip(*readings, strict=True):
             if time[0] <= taken <= time[-1]:
                 come.setdefault(float(taken), []).append((device.name, float(taken), values))
     estimator.begin(known["q"][0], known["v"][0], float(time[0]))
+    none = np.zeros(len(vehicle.inputs))
     for now in sorted(come):
-        # What acted since the last sample before.
-        row = u[max(int(np.searchsorted(time, now - _SAME)) - 1, 0)]
-        estimator.follow(now, np.nan_to_num(row), come[now])
+        between = 0.5 * (estimator.time + now)
+        estimator.follow(now, none if led else [curve(between) for curve in curves], come[now])
     return estimator.series(time, known["q"], known["v"])
 
 

@@ -152,7 +152,7 @@ def flight_of_log(
     }
     if estimation:
         chosen = estimation.sensors, estimation.control.filter
-        known = {"time": seconds, "q": q, "v": v, "u": u}
+        known = {"time": seconds, "q": q, "v": v}
         told = {name: (1e-9 * (x.time - begin), x.values) for name, x in series.items()}
         fields |= estimated(vehicle, known, told, *chosen)
     # Nothing tells what was desired or commanded, nor what else acted.

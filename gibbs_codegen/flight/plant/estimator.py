@@ -30,10 +30,16 @@ from gibbs_codegen.machine.sensors import SensorAt
 _SAME = 1e-9
 # The least standard deviation of a reading: with none, errors could have no deviation at all.
 _LEAST = 1e-6
+# What the program is called by which motion goes on where nothing leads.
+_COAST = "coast"
 # So many outliers of a sensor in a row are none: then what is known is wrong.
 _MOST_OUTLIERS = 5
 # The longest step of a prediction, s: longer times are so many steps.
 _LONGEST = 0.01
+# For so long, s, besides the time between two readings, the IMU that leads may tell nothing.
+_GAP = 0.05
+# Density of noise, m/s²/√Hz and rad/s²/√Hz, of what it then does not tell.
+_UNTOLD = 10.0
 
 
 class Estimate(NamedTuple):
@@ -56,8 +62,8 @@ class Estimate(NamedTuple):
 class _Instant:
     """A time, s, the inputs (nu) that acted before it, and readings that were taken there.
 
-    With what is known of before these readings, and after them, and what the IMU that leads had
-    told last.
+    With what is known of before these readings, and after them. `felt` is the reading of the IMU
+    that leads, and `told` the last one until then with its time, s.
     """
 
     time: float
@@ -66,6 +72,7 @@ class _Instant:
     after: dict[str, Array] = field(default_factory=dict)
     readings: list[tuple[str, Array]] = field(default_factory=list)
     felt: Array | None = None
+    told: tuple[float, Array] | None = None
 
 
 class Estimator:
@@ -120,7 +127,9 @@ class Estimator:
         functions, joints = Functions(vehicle.module), vehicle.joints > 0 and not led
         leads = "" if self._leads is None else self._names[self._leads]
         self._filter = StateFilter(functions, sensing, efforts=joints, leads=leads, **frames)
-        self.programs: Mapping[str, Program] = self._filter.programs()
+        self.programs: Mapping[str, Program] = self._filter.programs() | (
+            {x.name: x for x in [self._filter.coast()]} if led else {}
+        )
         self._latest = max(device.delay for device in suite.devices)
         self._instants: list[_Instant] = []
         # Times, s, and then what is known, its deviations, and the last innovation of each sensor.
@@ -136,7 +145,11 @@ class Estimator:
         if not vehicle.layout.moves_freely:
             raise UsageError(f"{words} {vehicle.name}, whose base does not move freely")
         if kinds.count("imu") != 1 or "wrench" in kinds:
-            raise UsageError(f"{words} sensors other than one imu, and such as feel no forces")
+            there = ", ".join(self._names)
+            raise UsageError(
+                f'{words} these sensors: "imu" needs exactly one imu, and no wrench sensor; there '
+                f"are {there}"
+            )
         place = suite.places_of_frames[leads := kinds.index("imu")]
         moving = vehicle.function("frame_jacobians")(vehicle.neutral)[place]
         if np.any(moving[:, vehicle.layout.v.joints]):
@@ -147,9 +160,15 @@ class Estimator:
     def _compiled(self) -> dict[str, StateProgram]:
         vehicle, suite = self._vehicle, self._suite
         values = {"gravity": Environment(vehicle).gravity, "noise": self.noise}
-        programs = {name.partition("_update_")[2]: x for name, x in self.programs.items()}
-        compiled = {"": state_program(vehicle, programs.pop(""), values)}
-        for name, program in programs.items():
+        programs, begin = dict(self.programs), f"{self._filter.name}_"
+        compiled = {"": state_program(vehicle, programs.pop(f"{begin}predict"), values)}
+        if self._leads is not None:
+            untold, places = self.noise.copy(), vehicle.layout.v
+            untold[self._filter.places["v"]][places.base] += _UNTOLD**2
+            others = values | {"noise": untold}
+            compiled[_COAST] = state_program(vehicle, programs.pop(f"{begin}{_COAST}"), others)
+        for key, program in programs.items():
+            name = key.removeprefix(f"{begin}update_")
             variances = suite.variances[self._names.index(name)]
             values["variances"] = np.maximum(variances, _LEAST**2)
             compiled[name] = state_program(vehicle, program, values)
@@ -239,22 +258,31 @@ class Estimator:
             last.u = inputs
         for name, taken, values in come:
             place = next(k for k, x in enumerate(instants) if x.time > taken - _SAME)
-            instants[place].readings.append((name, values))
+            now = instants[place]
+            if name != leads:
+                now.readings.append((name, values))
+            # At the begin nothing acts yet on what is simulated.
+            elif now.time > self._begin and np.isfinite(values).all():
+                now.felt = values
+                # What came since the reading before follows from both.
+                told = (k + 1 for k in reversed(range(place)) if instants[k].felt is not None)
+                place = next(told, min(place, 1))
             first = min(first, place)
         for k in range(first, len(instants)):
-            now, last = instants[k], instants[max(k - 1, 0)]
-            felt = [x for name, x in now.readings if name == leads and np.isfinite(x).all()]
-            # At the begin nothing acts yet on what is simulated.
-            now.felt = felt[-1] if felt and now.time > self._begin else last.felt
+            now = instants[k]
             if k > 0:
-                now.before = self._ahead(last, now)
+                now.before = self._ahead(k)
+            last = instants[max(k - 1, 0)]
+            now.told = last.told if now.felt is None else (now.time, now.felt)
             now.after = now.before
             for name, values in now.readings:
-                if name == leads:
-                    continue
                 now.after = self._run(name, now.after, u=now.u, reading=values)
-        old = sum(x.time < time - self._latest - _SAME for x in instants)
-        del instants[: min(max(old - 1, 0), len(instants) - 1)]
+        oldest = time - self._latest - _SAME
+        free = oldest - self._most if self._leads is not None else oldest
+        old = [
+            k for k, x in enumerate(instants) if x.time < (oldest if x.felt is not None else free)
+        ]
+        del instants[: old[-1] if old else 0]
         if self._record and time < self._record[-1][0] + _SAME:
             self._record.pop()
         memory = self.memory
@@ -323,26 +351,63 @@ class Estimator:
             )
         return name, min(taken, now), numbers
 
-    def _ahead(self, last: _Instant, now: _Instant) -> dict[str, Array]:
-        """What is known at a time before its readings, from that of the last one on."""
-        ahead, given, known = now.time - last.time, {"u": now.u}, last.after
+    @property
+    def _most(self) -> float:
+        """How long the IMU that leads tells between two readings at most, s."""
+        return _GAP + 1.0 / self._suite.devices[self._leads or 0].rate
+
+    def _ahead(self, place: int) -> dict[str, Array]:
+        """What is known at an instant by its place before its readings, from one before on.
+
+        Where an IMU leads, that is the last at which something was read.
+        """
+        instants, now, led = self._instants, self._instants[place], self._leads is not None
+        k = place - 1
+        while led and k > 0 and instants[k].felt is None and not instants[k].readings:
+            k -= 1
+        last, known = instants[k], instants[k].after
+        ahead = now.time - last.time
         steps = max(math.ceil(ahead / _LONGEST - _SAME), 1)
-        if self._leads is not None:
-            if now.felt is None:  # An IMU that has told nothing yet leads nowhere.
-                return known
-            # Of steps that are shorter than between readings, with the same density of noise.
-            shorter = steps / (self._suite.devices[self._leads].rate * ahead)
-            variances = np.maximum(self._suite.variances[self._leads], _LEAST**2)
-            variances = variances * max(shorter, 1.0)
-            before = now.felt if last.felt is None else last.felt
-            given = {"before": before, "reading": now.felt, "variances": variances}
-        for _ in range(steps):
-            known = self._run("", known, **given, h=ahead / steps)
+        h, felt = ahead / steps, self._told(last, place) if led else None
+        for k in range(steps):
+            if felt is not None:
+                start, slope = felt
+                # Of steps that are shorter than between readings, with the same density of noise.
+                shorter = 1.0 / (self._suite.devices[self._leads or 0].rate * h)
+                variances = np.maximum(self._suite.variances[self._leads or 0], _LEAST**2)
+                given = {
+                    "before": start + k * h * slope,
+                    "reading": start + (k + 1) * h * slope,
+                    "variances": variances * max(shorter, 1.0),
+                }
+                known = self._run("", known, **given, h=h)
+            else:
+                known = self._run(_COAST if led else "", known, u=now.u, h=h)
         return known
+
+    def _told(self, last: _Instant, place: int) -> tuple[Array, Array] | None:
+        """What the IMU that leads reads at `last`, and its rate until the instant at a place.
+
+        Readings between two are on a line. None if it has told nothing for too long.
+        """
+        instants, told = self._instants, last.told
+        come = next(((x.time, x.felt) for x in instants[place:] if x.felt is not None), None)
+        if told is None and come is not None:
+            told = self._begin, come[1]
+        if told is None:
+            return None
+        start, first = told
+        delay = self._suite.devices[self._leads or 0].delay
+        end = come[0] if come else instants[place].time - delay
+        if end - start > self._most + _SAME:
+            return None
+        slope = (come[1] - first) / (end - start) if come else np.zeros_like(first)
+        return first + (last.time - start) * slope, slope
 
     def _run(self, name: str, memory: dict[str, Array], **values: ArrayLike) -> dict[str, Array]:
         """What is known after a step, or after a reading of a sensor by its name."""
-        program, of_sensor = self._compiled[name], self._names.index(name) if name else 0
+        program, corrects = self._compiled[name], name in self._names
+        of_sensor = self._names.index(name) if corrects else 0
         gate = self._gates[of_sensor]
         if memory["outliers"][of_sensor] >= _MOST_OUTLIERS:
             gate = np.inf
@@ -351,9 +416,10 @@ class Estimator:
                 program.inputs[key][...] = value
         program.run()
         outputs = {key.removesuffix("_next"): x for key, x in program.outputs.items()}
-        if name:
+        if corrects:
             nis, counts = program.outputs["nis"], memory["outliers"].copy()
-            counts[of_sensor] = counts[of_sensor] + 1 if nis >= gate else 0
+            if not np.isnan(nis):
+                counts[of_sensor] = counts[of_sensor] + 1 if nis >= gate else 0
             outputs |= {"outliers": counts, "innovations": memory["innovations"].copy()}
             outputs["innovations"][of_sensor] = nis / len(self._suite.variances[of_sensor])
         return {key: outputs[key].copy() if key in outputs else x for key, x in memory.items()}

@@ -78,6 +78,30 @@ def test_what_a_log_lacks_is_said(vehicle: Vehicle, recorded: Recorded) -> None:
             {"sensors.barometer": [{}]},
             "no readings of barometer at base, but pose at base, imu at base",
         ),
+        ({"sensors.pose": [{}, {"name": "b"}]}, "pose: b reads the same of the log as pose does"),
     ):
         with pytest.raises(UsageError, match=words):
             flight_of_log(vehicle, recorded, "log", None, None, read_scenario(SCENARIO, changes))
+
+
+def test_inputs_act_when_the_log_says(vehicle: Vehicle, recorded: Recorded) -> None:
+    """Up and down by thrusts that swing faster than ten samples a second tell."""
+    time = np.arange(0, 3.0, 0.004)
+    stamps = np.round(1e9 * time).astype(np.int64)
+    weight = 9.81 * vehicle.function("mass_matrix")(vehicle.neutral)[0, 0]
+    thrust = Samples(stamps, 0.25 * weight * (1.0 + 0.5 * np.cos(60.0 * time)))
+    height = 0.5 * 9.81 / 60.0**2 * (1.0 - np.cos(60.0 * time))
+    place = np.stack([0.0 * time, 0.0 * time, height], axis=1)
+    log = recorded._replace(
+        position=Samples(stamps, place),
+        attitude=Samples(stamps, np.tile([0.0, 0, 0, 1], (len(time), 1))),
+        inputs=dict.fromkeys(vehicle.inputs, thrust),
+    )
+    changes = {
+        "control.filter": {"start": 1e-4, "acceleration": 1e-3, "force": 0.0, "torque": 0.0},
+        "sensors": {"pose": [{"rate": 250, "position_noise": 0.1, "attitude_noise": 0.1}]},
+    }
+    scenario = read_scenario({**SCENARIO, "sensors": {}, "control": {"estimate": True}}, changes)
+    flight = flight_of_log(vehicle, log, "log", 10.0, None, scenario)
+    assert flight.time[1] > 0.09
+    assert np.abs(flight.estimate_errors[:, 2]).max() < 1e-3
