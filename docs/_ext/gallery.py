@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 PAGE = Path(__file__).parent.parent / "reference" / "robot-file.md"
 # A command that shows what is special about a robot; others are viewed.
 COMMANDS = {
-    "cart_pole": "show cart_pole --chain 1",
+    "cart_pole": "show cart_pole",
     "decarotor_3link": "info decarotor_3link",
     "delta_hexarotor": "simulate delta_hexarotor --scenario delta",
     "dual_arm": "simulate dual_arm --scenario hover",

@@ -547,8 +547,9 @@ class LoopStructure:
         """Coordinates (nq) and the generalised force (nv) that the law wants there."""
         model, desired = self.model, at.motion
         if self.law == "open_loop":
-            return desired.q, model.inverse_dynamics(desired.q, desired.v, desired.a)
-        force = LAWS[self.law].force(model, q, v, self._aim(at, q, memory))
+            q, force = desired.q, model.inverse_dynamics(desired.q, desired.v, desired.a)
+        else:
+            force = LAWS[self.law].force(model, q, v, self._aim(at, q, memory))
         return q, carried(model, q, force)
 
     def _aim(self, at: AtTime, q: Node, memory: Node) -> Aim:

@@ -392,7 +392,9 @@ def hover_lines(robot: Robot, hovering: HoverThrusts) -> list[str]:
         return [f"hover thrusts: none carry the weight ({how})"]
     lines = [f"hover thrusts: {_values(hovering.thrusts)} N, {how}"]
     lines += _command_lines(robot, hover_commands(robot, hovering.thrusts))
-    if robot.moving and not hangs(robot):
+    if posture.closed_loops(robot):
+        lines.append("joint torques that hold it there: those of trim, since loops bear some")
+    elif robot.moving and not hangs(robot):
         efforts = [
             f"{coordinate_of(robot, i)} {number(effort)} {joint_terms(robot, i).effort_unit}"
             for i, effort in zip(

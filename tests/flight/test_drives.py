@@ -444,6 +444,12 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
     return load(generate(folder / "cart.toml", folder, derivatives="all", verify=False), "c")
 
 
+def test_tolerances_of_efforts_are_of_joints_and_wheels(compiled: ModuleType) -> None:
+    rest: Any = Hover(np.zeros(5), np.zeros(2))
+    with pytest.raises(UsageError, match="one for each of the 0 joints and 2 wheels of cart"):
+        Predictive(compiled, rest, tolerances=Tolerances(effort=[1.0, 2.0, 3.0]))
+
+
 @pytest.mark.slow
 def test_a_plan_is_the_best_of_an_optimiser_of_its_own(compiled: ModuleType) -> None:
     """Of the cart in closed form, by SciPy, with displacements by the logarithm of the plane."""

@@ -118,6 +118,8 @@ def test_efforts_that_hold_the_joints_are_those_of_the_emitted_functions(robot: 
 def test_hover_thrusts_are_told_with_the_torques_of_the_joints() -> None:
     told = hover_lines(FOREARM, hover(FOREARM))[1]
     assert told == "joint torques that hold it there: shoulder 0.1962 N m, elbow 0.1962 N m"
+    delta = read_robot("delta_hexarotor")[0]
+    assert hover_lines(delta, hover(delta))[1].endswith("those of trim, since loops bear some")
     upper, lower = FOREARM.links
     sliding = replace(FOREARM, links=(upper, replace(lower, joint="prismatic", axis=(0, 0, 1))))
     assert hover_lines(sliding, hover(sliding))[1].endswith("shoulder 0.1962 N m, elbow 1.962 N")

@@ -199,6 +199,7 @@ def _model(
     times = _lag_times(vehicle, time_constants)
     lagging = tuple(np.flatnonzero(times).tolist())
     around, figures = _around(vehicle, state.q, surroundings)
+    _warn_of_open_loops(vehicle, figures)
     actuators = u[: len(times)][list(lagging)] if state.x is None else state.x
     x = np.concatenate([actuators, np.zeros(bristles_of(around.contacts))])
     values = {"q": state.q, "v": state.v, "x": x, "u": u, **figures}
@@ -262,6 +263,17 @@ def _around(
     starts = environment.push_acts(0.0), environment.carries(0.0), environment.holding(0.0)
     around, figures = environment.under(*starts)
     return replace(around, gusts=0, contacts=_pressing(environment, q)), figures
+
+
+def _warn_of_open_loops(vehicle: Vehicle, figures: Mapping[str, Array]) -> None:
+    """Warn of loops of a mechanism that no hold closes, by which the model would differ."""
+    module, active = vehicle.module, figures.get("active", ())
+    if loops := getattr(module, "LOOPS", ()):
+        held = {x for x, holds in zip(module.CONSTRAINTS, active, strict=False) if holds}
+        if opened := [name for name in loops if name not in held]:
+            words = f"{vehicle.name}: the model has its loops open: {listed(opened)}; give"
+            words += " surroundings with a [[hold]] of each"
+            warnings.warn(words, RuntimeWarning, stacklevel=4)
 
 
 def _pressing(environment: Environment, q: Array) -> tuple[Contact, ...]:
@@ -531,9 +543,13 @@ def _check_solvable(
 
     stuck = unreached(a, b, lambda value: growth(value) > -tolerance)
     if stuck.shape[1]:
+        # Rows of rigid loops are states that nothing changes.
+        loops = getattr(vehicle.module, "LOOPS", ())
         raise UsageError(
             f"{vehicle.name}: cannot be stabilised here: no input changes "
             f"{listed(directions(stuck, names))}"
+            + "; hold loops, by constraints with a frequency"
+            * bool(loops)
         )
     unseen = unreached(a.T, weights, lambda value: abs(growth(value)) <= tolerance)
     if unseen.shape[1]:

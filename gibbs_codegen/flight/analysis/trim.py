@@ -1,6 +1,7 @@
 """Trim: state and inputs with which a robot hovers or flies straight, loaded or not.
 
-Joints balance themselves, since each has an input. The base is balanced where the wrench that it
+Joints balance themselves, since each has an input, or loops bear what those need that nothing
+drives. The base is balanced where the wrench that it
 needs has no part that thrusts cannot produce, which is a condition on the attitude, and on the
 joints of robots whose rotors they move. Of all inputs that balance, the least or the safest are
 chosen.
@@ -19,9 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares, linprog, nnls
 
+from gibbs_codegen.arrays.functions import LEADING, Functions
 from gibbs_codegen.errors import UsageError, near, printable
 from gibbs_codegen.flight.analysis.arguments import coordinates, vehicle_of
 from gibbs_codegen.flight.arguments import numbers, real, vector
+from gibbs_codegen.flight.desired.posture import joint_motion
 from gibbs_codegen.flight.plant.actuators import (
     Actuators,
     beyond_limits,
@@ -34,6 +37,7 @@ from gibbs_codegen.flight.plant.allocation import asked_of, commands_all, least_
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.vectors import roll_pitch_yaw
 from gibbs_codegen.robot.wrenches import DIRECTIONS, RANK, directions, null_space
+from gibbs_codegen.runtime.loaded_module import require_functions
 
 # Share of the wrench that may be missing.
 EXACT = 1e-9
@@ -56,7 +60,7 @@ _TURN = 2.0 * np.pi
 class SteadyMotion:
     """A motion in which no joint moves, and what acts besides gravity.
 
-    - `velocity`, `acceleration` (3): of the base, world axes, m/s and m/s², but for what turns it
+    - `velocity`, `acceleration` (3): of the base, world axes, m/s and m/s²; turning adds to it
     - `turning`: rate at which the base and its velocity turn about the vertical, rad/s
     - `wrenches` (f, 6): on the frames, in the order of `FRAMES`, world axes, N and N m
     """
@@ -87,9 +91,13 @@ class SteadyMotion:
         return v, a
 
     def force(self, q: Array) -> Array:
-        """Generalised force (nv) that the inputs must produce at coordinates."""
-        acting = self.vehicle.wrench_forces(q, self.wrenches)
-        return self.vehicle.inverse_dynamics(q, *self.rates(q)) - acting
+        """Generalised force (nv) that the inputs must produce at coordinates, beside loops."""
+        acting, robot = self.vehicle.wrench_forces(q, self.wrenches), Functions(self.vehicle.module)
+        force, free = self.vehicle.inverse_dynamics(q, *self.rates(q)) - acting, robot.free_joints
+        if free.size:  # As of `mechanism.carried`.
+            rows = robot.loop_rows @ self.vehicle.function("constraint_jacobian")(q)
+            force -= rows.T @ (np.linalg.pinv(free @ rows.T) @ (free @ force))
+        return force
 
     def missing(self, q: Array) -> Array:
         """The least part (6) that thrusts leave of the wrench that the base needs.
@@ -282,7 +290,7 @@ class Trim:
     - `posture`: the joints' coordinates by name, rad or m
     - `attitude_deg`, `posture_deg`: the angles among these in degrees; `trim` takes the latter
     - `wrenches` (f, 6): on the frames, in the order of `FRAMES`, world axes, N and N m
-    - `residual`: largest entry of M a − R − Jᵀ W − B u, N and N m
+    - `residual`: largest entry of M a − R − Jᵀ W − B u, N and N m, without what loops bear
     - `limits` (2, nu), `margins` (nu): least and greatest inputs, and how far each input is from
       the nearer of them, infinite without limits
     - `null_space` (6, k): wrenches on the base that no thrusts produce here, orthonormal columns:
@@ -391,10 +399,12 @@ def trim(
         posture: Joints' coordinates by name, rad or m; those of `q` for others.
         posture_deg: Angles of revolute joints by name, in degrees as in scenario files; such joints
             are not in `posture`.
-        q: Coordinates (nq) asked for; level, at the origin, joints at zero, if None.
+        q: Coordinates (nq) asked for. If None, the base is level at the origin, and joints are at
+            zero or, of mechanisms, where loops close. Joints of loops that nothing drives follow
+            the others.
         velocity, acceleration: Of the base (3): world axes, m/s and m/s².
         turning: Rate at which the base and its velocity turn about the vertical, rad/s: it goes
-            round circles of the radius speed / turning, which adds to the acceleration.
+            round circles of the radius speed / turning. What that takes adds to `acceleration`.
         wrenches: What acts on frames besides gravity, by their names: force, N, and torque, N m,
             (6) each, world axes.
         free: What may differ from the coordinates asked for: "attitude", and joints by name, which
@@ -496,7 +506,11 @@ def _start(vehicle: Vehicle, q: ArrayLike | None, **tables: Mapping[str, float] 
     Raises `UsageError` for a wrong number of them, or for a joint that is unknown, in the wrong
     table or in two.
     """
-    start = vehicle.neutral if q is None else coordinates(vehicle, q)
+    start, loops = vehicle.neutral, getattr(vehicle.module, "LOOPS", ())
+    if q is not None:
+        start = coordinates(vehicle, q)
+    elif loops:
+        start[vehicle.arm] = np.array(vehicle.module.POSTURE)[vehicle.arm]
     ends = np.abs(module_actuators(vehicle).joints).max(axis=0)
     ends = np.where(np.isfinite(ends), np.maximum(ends, _TURN), _TURN)
     for table, posture in tables.items():
@@ -517,6 +531,10 @@ def _start(vehicle: Vehicle, q: ArrayLike | None, **tables: Mapping[str, float] 
             if unit == "degrees" and name in (tables["posture"] or {}):
                 raise UsageError(f"{table}: {name} is in posture too; give it once")
             start[place] = np.radians(value) if unit == "degrees" else value
+    if loops:
+        require_functions(vehicle.module, sorted(LEADING))
+        closed = joint_motion(vehicle, start[vehicle.arm], {}, np.zeros(1))
+        start[vehicle.arm] = closed.q[0, vehicle.arm]
     return start
 
 
@@ -539,6 +557,11 @@ def _freedom(
             hint = near(name, [ATTITUDE, *vehicle.joint_names]) or ";"
             words = f"has no joint {printable(name, 60)}{hint} what may differ: {_choices(vehicle)}"
             raise UsageError(f"free: {vehicle.name} {words}")
+        if loops := getattr(vehicle.module, "LOOPS", ()):
+            raise UsageError(
+                f"free: {name}: joints do not vary where loops of a mechanism must stay closed "
+                f"({', '.join(loops)}); give a posture"
+            )
         joint = joint_place(vehicle, name)
         low, high = actuators.joints[:, joint] - start[layout.q.joint_places[joint]]
         if not low <= 0.0 <= high:

@@ -193,6 +193,11 @@ def check_control(law: Law | None, control: Control, vehicle: RobotData) -> None
                 f"control.joints.{name}: a servo holds the joint, by the stiffness and damping of "
                 "the robot file; leave it out"
             )
+    if control.law == PREDICTIVE and (loops := getattr(vehicle.module, "LOOPS", ())):
+        raise UsageError(
+            f"control.law: no prediction knows loops of a mechanism ({', '.join(loops)}); set "
+            'another law, such as "computed_torque"'
+        )
     served = [x for k, x in enumerate(vehicle.joint_names) if has_servo(vehicle, k)]
     if control.law == PREDICTIVE and control.force and served:
         # Between a servo and a wall it loses machines.

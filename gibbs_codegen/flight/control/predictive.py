@@ -514,6 +514,10 @@ class Predictive:
                 f"{self.module.NAME}: a predictive controller calls C; load the module with "
                 'backend="c", where there is a C compiler'
             )
+        if loops := ", ".join(getattr(self.module, "LOOPS", ())):
+            raise UsageError(
+                f"{self.module.NAME}: no prediction knows loops of a mechanism ({loops})"
+            )
         robot = Functions(self.module)
         has, under = [*robot.signatures], UNDER_WRENCHES if around.acts or robot.air else ()
         needed = [
@@ -524,12 +528,13 @@ class Predictive:
         if lacks := [name for name in needed if name not in has]:
             raise MissingFunctionError(self.module.NAME, lacks, options_with(lacks, has))
         for name in _BY_JOINT:
-            count, wheels = self._count(name), robot.layout.q.wheels and name == "effort"
+            count = self._count(name)
+            joints, wheels = len(robot.layout.q.joint_places), robot.layout.q.wheels
+            words = f"{joints} joints" + f" and {wheels} wheels" * bool(wheels and name == "effort")
             if np.shape(getattr(self.tolerances, name)) not in ((), (count,)):
                 raise UsageError(
-                    f"tolerances: {name} must be one number, or one for each of the {count} "
-                    f"{'joints, and then wheels,' if wheels else 'joints'} of {self.module.NAME}, "
-                    f"not {np.size(getattr(self.tolerances, name))}"
+                    f"tolerances: {name} must be one number, or one for each of the {words} of "
+                    f"{self.module.NAME}, not {np.size(getattr(self.tolerances, name))}"
                 )
         wanted = {
             "step": (self.step, 0.0 < self.step < np.inf, "a finite time above 0, s"),

@@ -386,9 +386,10 @@ class Flight:
         # Old files have no impulses.
         for (time, lost, left), impulses in zip(self.impacts, self.impulses, strict=False):
             sizes = {x: np.linalg.norm(impulses[self._rows_of(x)]) for x in self.held}
-            felt = ", ".join(f"{name} {size:.3g} N s" for name, size in sizes.items() if size)
-            energies = f"kinetic energy from {lost + left:.3g} J to {left:.3g} J"
-            words.append(f"impact at t = {time:.4g} s: {felt or 'no impulse'}; {energies}")
+            # What takes hold at rest strikes nothing.
+            if felt := ", ".join(f"{name} {x:.3g} N s" for name, x in sizes.items() if x):
+                energies = f"kinetic energy from {lost + left:.3g} J to {left:.3g} J"
+                words.append(f"impact at t = {time:.4g} s: {felt}; {energies}")
         return tuple(words)
 
     def _rows_of(self, name: str) -> list[bool]:

@@ -36,8 +36,8 @@ _AWAY = 1e-3 * 1.25 ** np.arange(80)
 _HALVES = 40
 # Between times whose difference gives a jerk, s.
 _NEAR = 1e-3
-# How far tangents before and after a rest may be from one another.
-_CORNER = 0.05
+# How far tangents before and after a rest may be from one another, and rate, 1/s, at a stay.
+_CORNER, _BEND = 1e-3, 1e-2
 # Sine of the angle to the vertical under which the base normal has no side to lean to.
 _UPRIGHT = 1e-3
 
@@ -139,7 +139,7 @@ def _tangents(path: Path, time: Array) -> Derivatives:
     """Unit tangents (…, 3) of a path at times (…), s, and their first two derivatives.
 
     Where it rests for a moment they go on as they are beside it; where it stays, they stay. Raises
-    `UsageError` where it never moves, or goes on in another direction.
+    `UsageError` where it never moves, goes on in another direction, or bends beside a stay.
     """
     shape, time = (*time.shape, 3), time.ravel()
     derivatives = path(time)
@@ -149,33 +149,47 @@ def _tangents(path: Path, time: Array) -> Derivatives:
         still = rest[~np.any(derivatives[rest, 1:], axis=(1, 2))]
         stays = len(still) > 1
         ends = time[still[[0, -1]] if stays else rest[[0, -1]]]
-        sides = [
-            side
-            for t, way in zip(ends, (-1.0, 1.0), strict=True)
-            if (side := _beside(path, t, way))
-        ]
+        sides = list[tuple[float, Derivatives]]()
+        for t, way in zip(ends, (-1.0, 1.0), strict=True):
+            # After the last of the times it may go anywhere.
+            is_last = bool(sides) and rest[-1] + 1 == time.size
+            if not is_last and (side := _beside(path, t, way)):
+                sides.append(side)
         fault = f"the path of the base stands still at t = {ends[0]:.6g} s, where it "
         if not sides:
             raise UsageError(
                 f"{fault}has no tangent for an arm to follow; let it move, or choose a level "
                 "attitude"
             )
-        # After the last of the times it may go anywhere.
-        tangents = [side[1][0] for side in sides]
-        if rest[-1] + 1 < time.size and np.abs(tangents[0] - tangents[-1]).max() > _CORNER:
+        near = [_later(found, 0.0 if stays else ends[0] - begin) for begin, found in sides]
+        if np.abs(near[0][0] - near[-1][0]).max() > _CORNER:
             raise UsageError(
                 f"{fault}turns to go on in another direction; give it a bend there, or choose a "
                 "level attitude"
             )
+        for begin, (_, rate, second) in sides if stays else ():
+            # At the stay itself it may be less.
+            until = np.abs(ends - begin).min()
+            if np.abs(rate).max() > _BEND + until * np.abs(second).max():
+                raise UsageError(
+                    f"the path of the base bends at t = {begin:.3g} s, next to where it stays; let "
+                    "it come and leave straight ahead, or choose a level attitude"
+                )
         for k in rest:
             stay = stays and still[0] <= k <= still[-1]
-            begin, (unit, rate, second) = min(sides, key=lambda side: abs(side[0] - time[k]))
+            begin, found = min(sides, key=lambda side: abs(side[0] - time[k]))
             since = (ends[int(begin > ends[1])] if stay else time[k]) - begin
-            moved = unit + since * (rate + 0.5 * since * second), rate + since * second, second
-            for series, limit in zip(along, unit_derivatives(*moved), strict=True):
+            limits = unit_derivatives(*_later(found, since))
+            for series, limit in zip(along, limits, strict=True):
                 series[k] = 0.0 if stay and series is not along[0] else limit
     first, second, third = (series.reshape(shape) for series in along)
     return first, second, third
+
+
+def _later(found: Derivatives, since: float) -> Derivatives:
+    """A vector and two derivatives some time later, s, were the second constant."""
+    unit, rate, second = found
+    return unit + since * (rate + 0.5 * since * second), rate + since * second, second
 
 
 def _beside(path: Path, time: float, way: float) -> tuple[float, Derivatives] | None:

@@ -7,9 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.emitted import emitted_module
+from support.emitted import emitted_module, module_with_derivatives
 
-from gibbs_codegen import UsageError, generate, parse_robot, read_scenario, simulate
+from gibbs_codegen import (
+    UsageError,
+    generate,
+    linearise,
+    lqr,
+    parse_robot,
+    read_scenario,
+    simulate,
+    trim,
+)
 
 BARS = "".join(
     f'[[link]]\nname = "{name}"\nparent = "{parent}"\nxyz = [{x}, 0, 0]\naxis = "y"\n{effort}\n'
@@ -71,6 +80,45 @@ def test_the_driven_joint_follows_and_no_other_is_asked_for_torques(motion: str)
         turns = np.append(1.0, np.linalg.lstsq(jacobian[:, 1:], -jacobian[:, 0])[0])
         lift = -module.gravity_forces(q) @ turns
         np.testing.assert_allclose(flight.applied[-1, 0], lift, rtol=1e-4)
+
+
+def test_trims_are_of_closed_loops_and_open_loop_torques_hold_them() -> None:
+    module = four_bar('"fixed"')
+    at_rest = trim(module, posture_deg={"crank": -20})
+    assert np.abs(module.constraint_errors(at_rest.q)).max() < 1e-9
+    assert np.abs(at_rest.u[1:]).max() < 1e-12
+    # Held by a torque alone, the crank is where the potential energy of the loop is stationary.
+    low, high = (
+        module.potential_energy(trim(module, posture_deg={"crank": x}).q) for x in (-20.01, -19.99)
+    )
+    assert at_rest.u[0] == pytest.approx((high - low) / np.radians(0.02), rel=1e-5)
+    with pytest.raises(UsageError, match="free: crank: joints do not vary where loops"):
+        trim(module, free="crank")
+    assert trim(four_bar('["x", "z", "pitch"]')).residual < 1e-9
+    tables = {"name": "still", "duration": 0.3, "hold": [{"constraint": "closure"}]}
+    tables |= {"control": {"law": "open_loop"}, "integration": {"method": "rk4", "step": 0.002}}
+    flight = simulate(module, read_scenario(tables))
+    assert np.abs(flight.q - flight.q_desired).max() < 1e-8
+    assert not flight.impact_summaries
+    with pytest.raises(UsageError, match="no prediction knows loops of a mechanism"):
+        simulate(module, read_scenario(tables | {"control": {"law": "predictive"}}))
+
+
+def test_linear_models_of_mechanisms_hold_loops_or_warn() -> None:
+    soft = text_of('"fixed"').replace('"spherical"', '"spherical"\nfrequency = 5')
+    for text, words in ((text_of('"fixed"'), "hold loops, by constraints with a freq"), (soft, "")):
+        module = module_with_derivatives(parse_robot(text.replace("four_bar", f"b{len(text)}")))
+        hover = trim(module)
+        with pytest.warns(RuntimeWarning, match="loops open: closure; give surroundings"):
+            linearise(module, hover)
+        held = {"duration": 1, "hold": [{"constraint": "closure"}]}
+        given = {"Q": np.ones(6), "R": np.ones(3), "surroundings": held | {"name": "held"}}
+        given["surroundings"] = read_scenario(given["surroundings"])
+        if words:
+            with pytest.raises(UsageError, match=words):
+                lqr(module, hover, **given)
+        else:
+            assert lqr(module, hover, **given).eigenvalues.real.max() < -1e-3
 
 
 def test_loops_that_are_open_or_out_of_reach_are_told(caplog: pytest.LogCaptureFixture) -> None:

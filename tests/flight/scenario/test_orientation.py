@@ -190,17 +190,33 @@ def test_a_path_that_rests_has_the_tangent_of_where_it_moves() -> None:
     yaw = np.arctan(1.5 * time)
     assert_allclose(turning.rotation[:, :2, 0], np.stack([np.cos(yaw), np.sin(yaw)], 1), atol=1e-9)
     assert_allclose(turning.velocity[:, 2], 1.5 / (1.0 + 2.25 * time**2), atol=1e-9)
-    # At rest until 1 s and from 3 s on, it bends from x to y.
-    bend = Waypoints(times=(1, 2, 3), points=((0, 0, 0), (1, 0.3, 0), (1.5, 1.2, 0)))
-    turning = Tangent()(bend, time := np.linspace(0.0, 5.0, 501), np.zeros(0))
-    still = (time <= 1.0) | (time >= 3.0)
+    # At rest until 0.5 s and from 7.5 s on, it bends from x to y in between.
+    points = ((0, 0, 0), (0.6, 0, 0), (2, 0.7, 0), (2.8, 1.9, 0), (2.8, 2.6, 0))
+    rates = ("rest", (0.6, 0, 0), "free", (0, 0.6, 0), "rest")
+    bend = Waypoints(times=(0.5, 2, 4, 6, 7.5), points=points, velocities=rates)
+    turning = Tangent()(bend, time := np.linspace(0.0, 9.0, 901), np.zeros(0))
+    still = (time <= 0.5) | (time >= 7.5)
     assert_allclose(turning.velocity[still], 0.0, atol=1e-6)
     assert np.abs(np.diff(turning.rotation[:, 0, 0])).max() < 0.02
-    for side, places in ((1.003, time <= 1.0), (2.997, time >= 3.0)):
+    for side, places in ((0.503, time <= 0.5), (7.497, time >= 7.5)):
         way = bend(side)[1]
         there = np.tile(way / np.linalg.norm(way), (np.sum(places), 1))
         assert_allclose(turning.rotation[places][:, :, 0], there, atol=1e-3)
     assert heading_error(bend, time, turning.rotation[:, :, 0]).max() < 1e-12
+    # Where it would turn in a jerk, with words of its own, and by however little it is a corner.
+    points = ((0, 0, 0), (1, 0.3, 0), (1.5, 1.2, 0))
+    for times, at in (((0.5, 2, 5), "0.51"), ((0, 2, 3.5), "3.49")):
+        with pytest.raises(UsageError, match=f"bends at t = {at}.*come and leave straight ahead"):
+            Tangent()(Waypoints(times=times, points=points), time[:501], np.zeros(0))
+    corner = Waypoints(times=(0, 1, 3, 4), points=((0, 0, 0), (1, 0, 0), (1, 0, 0), (2, 0.04, 0)))
+    with pytest.raises(UsageError, match="stands still at t = 1 s, where it turns to go on"):
+        Tangent()(corner, time[:401], np.zeros(0))
+
+
+@pytest.mark.parametrize("amplitude", [1.0, 2.3])
+def test_a_path_that_ends_where_it_turns_back_has_the_tangent_of_before(amplitude: float) -> None:
+    path, time = Harmonic(y=(Term(amplitude, 0.0, 0.5 * np.pi),)), np.linspace(0.0, 2.0, 9)
+    assert_allclose(Tangent()(path, time, np.zeros(0)).rotation[:, 1, 0], -1.0)
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
