@@ -15,9 +15,8 @@ from typing import Protocol
 
 from gibbs_codegen.errors import GibbsCodegenError, UsageError, cause_of
 from gibbs_codegen.flight.autopilots.machine import Machine, Outputs, Telemetry
+from gibbs_codegen.flight.plant.sensors import SAME
 
-# Times are the same, s.
-_SAME = 1e-9
 # Share of the speed asked for that is told as too slow.
 _SLOW = 0.95
 
@@ -88,7 +87,7 @@ def fly(
         progress(f"waiting for {link.name}", 0.0)
         link.open(machine.readings())
         begin = time.perf_counter()
-        while machine.time < duration - _SAME:
+        while machine.time < duration - SAME:
             outputs, step = link.receive()
             machine.fly(outputs, min(step, duration - machine.time))
             last = time.perf_counter()
@@ -107,7 +106,7 @@ def fly(
         session.ended = f"at t = {machine.time:.6g} s it was ended by Ctrl-C"
     finally:
         link.close()
-    session.pace = machine.time / max(last - begin, _SAME)
+    session.pace = machine.time / max(last - begin, SAME)
     session.notes = list(link.notes)
     if 0.0 < session.pace < _SLOW * speed:
         session.notes.append(

@@ -19,15 +19,13 @@ from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.errors import UsageError, written
 from gibbs_codegen.flight.arguments import real, vector
 from gibbs_codegen.flight.plant.environment import Environment
-from gibbs_codegen.flight.plant.sensors import SensorSuite
+from gibbs_codegen.flight.plant.sensors import SAME, SensorSuite
 from gibbs_codegen.flight.plant.state_program import StateProgram, state_program
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
 from gibbs_codegen.flight.scenario.parts import Filter, Sensors
 from gibbs_codegen.machine.filters import FilteredSensor, StateFilter
 from gibbs_codegen.machine.sensors import SensorAt
 
-# Times, s, that differ by less are the same.
-_SAME = 1e-9
 # The least standard deviation of a reading: with none, errors could have no deviation at all.
 _LEAST = 1e-6
 # What the program is called by which motion goes on where nothing leads.
@@ -249,15 +247,15 @@ class Estimator:
         """
         last, instants, first = self._last, self._instants, len(self._instants)
         inputs, leads = vector("u", u, len(self._vehicle.inputs)), self._filter.leads
-        if not time > last.time - _SAME:
+        if not time > last.time - SAME:
             raise UsageError(f"time: must not be before the last, {last.time:g} s, not {time:g} s")
         come = [self._checked(time, *reading) for reading in readings]
-        if time > last.time + _SAME:
+        if time > last.time + SAME:
             instants.append(_Instant(time, inputs))
         elif first == 1 and not last.readings:
             last.u = inputs
         for name, taken, values in come:
-            place = next(k for k, x in enumerate(instants) if x.time > taken - _SAME)
+            place = next(k for k, x in enumerate(instants) if x.time > taken - SAME)
             now = instants[place]
             if name != leads:
                 now.readings.append((name, values))
@@ -277,13 +275,13 @@ class Estimator:
             now.after = now.before
             for name, values in now.readings:
                 now.after = self._run(name, now.after, u=now.u, reading=values)
-        oldest = time - self._latest - _SAME
+        oldest = time - self._latest - SAME
         free = oldest - self._most if self._leads is not None else oldest
         old = [
             k for k, x in enumerate(instants) if x.time < (oldest if x.felt is not None else free)
         ]
         del instants[: old[-1] if old else 0]
-        if self._record and time < self._record[-1][0] + _SAME:
+        if self._record and time < self._record[-1][0] + SAME:
             self._record.pop()
         memory = self.memory
         known = np.concatenate([memory[name] for name in ("q", "v", "loads", "biases")])
@@ -319,7 +317,7 @@ class Estimator:
             Fields of a `Flight` by their names, as from `estimates` to `innovations` there.
         """
         times, known, spread, innovations = map(np.array, zip(*self._record, strict=True))
-        last = np.maximum(np.searchsorted(times, time + _SAME) - 1, 0)
+        last = np.maximum(np.searchsorted(times, time + SAME) - 1, 0)
         places = np.cumsum([q.shape[1], v.shape[1]])
         known_q, known_v, _ = np.split(known[last], places, axis=1)
         off = self._vehicle.displacement(known_q, q)
@@ -344,7 +342,7 @@ class Estimator:
             raise UsageError(f"readings: {written(name)} is none of {', '.join(self._names)}")
         size = len(self._suite.variances[self._names.index(name)])
         numbers = real(f"readings: {name}", values, f"{size} numbers", (size,))
-        if not oldest - _SAME <= taken <= now + _SAME and np.isfinite(numbers).all():
+        if not oldest - SAME <= taken <= now + SAME and np.isfinite(numbers).all():
             raise UsageError(
                 f"readings: {name}: measured at {taken:g} s, but readings must now be from "
                 f"{oldest:g} s to {now:g} s; if they come later, give the sensor a longer delay"
@@ -367,7 +365,7 @@ class Estimator:
             k -= 1
         last, known = instants[k], instants[k].after
         ahead = now.time - last.time
-        steps = max(math.ceil(ahead / _LONGEST - _SAME), 1)
+        steps = max(math.ceil(ahead / _LONGEST - SAME), 1)
         h, felt = ahead / steps, self._told(last, place) if led else None
         for k in range(steps):
             if felt is not None:
@@ -399,7 +397,7 @@ class Estimator:
         start, first = told
         delay = self._suite.devices[self._leads or 0].delay
         end = come[0] if come else instants[place].time - delay
-        if end - start > self._most + _SAME:
+        if end - start > self._most + SAME:
             return None
         slope = (come[1] - first) / (end - start) if come else np.zeros_like(first)
         return first + (last.time - start) * slope, slope

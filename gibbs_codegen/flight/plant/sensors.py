@@ -31,7 +31,7 @@ from gibbs_codegen.machine.sensors import Channel, SensorAt, measurement_program
 from gibbs_codegen.runtime.load import load
 
 # Time, s, by which instants may differ that count as the same.
-_SAME = 1e-9
+SAME = 1e-9
 
 
 class Reading(NamedTuple):
@@ -282,9 +282,9 @@ class SensorSuite:
         measured = self.measurements(q, v, a, wrenches)
         lead, columns = measured.shape[:-2], []
         for device, rows, errors in zip(self.devices, self.places, self.errors, strict=True):
-            count = int((times[-1] + _SAME) * device.rate) + 1
+            count = int((times[-1] + SAME) * device.rate) + 1
             taken = np.arange(count) / device.rate
-            samples = np.searchsorted(times[:-1], taken - _SAME)
+            samples = np.searchsorted(times[:-1], taken - SAME)
             size, drawn = rows.stop - rows.start, errors.drawn(self.seed if seed is None else seed)
             noise = drawn.standard_normal((*lead, count, 2, size))
             walk = np.cumsum(noise[..., 1, :], -2)
@@ -297,7 +297,7 @@ class SensorSuite:
 
 def arrived(taken: Array, times: Array, delay: float) -> NDArray[np.intp]:
     """Places (s) of the last readings, taken at times (k), that have come by times (s); or -1."""
-    places = np.searchsorted(taken + delay, times + _SAME, side="right") - 1
+    places = np.searchsorted(taken + delay, times + SAME, side="right") - 1
     return places.astype(np.intp)
 
 
@@ -331,7 +331,7 @@ class Readings:
         """Take the readings that are due at a time, s; `measure` finds measurements (m)."""
         suite, measured = self.suite, None
         for k, (device, rows) in enumerate(zip(suite.devices, suite.places, strict=True)):
-            while (now := len(self._times[k]) / device.rate) <= time + _SAME:
+            while (now := len(self._times[k]) / device.rate) <= time + SAME:
                 measured = measure() if measured is None else measured
                 white, step = self._noise[k].standard_normal((2, rows.stop - rows.start))
                 self._walks[k] = self._walks[k] + step
@@ -347,7 +347,7 @@ class Readings:
             suite.devices, suite.places, self._times, self._values, strict=True
         ):
             place = len(times) - 1
-            while place >= 0 and times[place] + device.delay > time + _SAME:
+            while place >= 0 and times[place] + device.delay > time + SAME:
                 place -= 1
             unknown = Reading(np.nan, np.full(rows.stop - rows.start, np.nan))
             last[device.name] = Reading(times[place], values[place]) if place >= 0 else unknown
@@ -357,9 +357,7 @@ class Readings:
         """Sensor, time of measurement, s, and values of readings that came since the last call."""
         for k, device in enumerate(self.suite.devices):
             times, values = self._times[k], self._values[k]
-            while (
-                self._come[k] < len(times) and times[self._come[k]] + device.delay <= time + _SAME
-            ):
+            while self._come[k] < len(times) and times[self._come[k]] + device.delay <= time + SAME:
                 self._come[k] += 1
                 yield device.name, times[self._come[k] - 1], values[self._come[k] - 1]
 
