@@ -42,6 +42,8 @@ class Functions:
     def __init__(self, module: Any, owner: str = "robot") -> None:
         self.name: str = module.NAME
         self.owner = owner
+        # 1 if driven joints lead loops of mechanisms, else 0; None: they do.
+        self.leading: Node | None = None
         self.signatures = {signature.name: signature for signature in module_signatures(module)}
         self.inputs, self.parameters = len(module.INPUTS), len(module.PARAMETERS)
         self.frames = len(module.FRAMES)

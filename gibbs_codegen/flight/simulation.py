@@ -63,7 +63,7 @@ from gibbs_codegen.flight.integration.integrators import integrate
 from gibbs_codegen.flight.integration.rest import resting
 from gibbs_codegen.flight.plant.actuators import actuators_of, check_charge
 from gibbs_codegen.flight.plant.allocation import Allocation, AllocationError, allocation_of
-from gibbs_codegen.flight.plant.environment import check_surroundings
+from gibbs_codegen.flight.plant.environment import check_surroundings, open_loops
 from gibbs_codegen.flight.plant.sensors import frames_of_sensors
 from gibbs_codegen.flight.plant.vehicle import Array, RobotData, Vehicle
 from gibbs_codegen.flight.record.flight import Flight
@@ -200,10 +200,8 @@ def flight_start(
             loop = replace(loop, bristles=bristles)
         for machine in {vehicle, loop.vehicle}:
             check_mass_matrix(machine, q)
-    held = {hold.constraint for hold in scenario.holds}
-    if opened := ", ".join(x for x in getattr(module, "LOOPS", ()) if x not in held):
-        words = "%s: moves with its loops open: %s; give the scenario a [[hold]] of each"
-        _log.warning(words, vehicle.name, opened)
+    if words := open_loops(module, motion.scenario.holds, motion.scenario.duration):
+        _log.warning("%s: moves with %s", vehicle.name, words)
     return FlightStart(motion, loop, q, v)
 
 
@@ -309,6 +307,8 @@ def _loop(
     if law == "open_loop" and not custom_law:
         _check_open_loop(vehicle, allocation, reference)
     controller = control_law(law, control, vehicle, reference, allocation)
+    if open_loops(vehicle.module, scenario.holds, scenario.duration):
+        controller = replace(controller, leads=False)
     loop = ClosedLoop(vehicle, controller, actuators, None, scenario.motors.compensation)
     # The robot that flies is the one that the controller knows but for some parameters.
     return loop.with_plant(scenario.plant, actuators.lag, scenario)

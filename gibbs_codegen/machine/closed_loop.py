@@ -126,7 +126,9 @@ class LoopStructure:
     @cached_property
     def model(self) -> Functions:
         """The robot that the law knows."""
-        return Functions(self.module, "model")
+        model = Functions(self.module, "model")
+        model.leading = self.input_node("leading") if model.leads_loops else None
+        return model
 
     @cached_property
     def machine(self) -> Machine:

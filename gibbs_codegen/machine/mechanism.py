@@ -38,5 +38,7 @@ def carried(robot: Functions, q: Node, force: Node) -> Node:
 def _levers(robot: Functions, q: Node) -> tuple[Node, Node, Node]:
     """Rows J (l, nv) of loops, those of free joints (l, p), and their square (p, p)."""
     rows = constant(robot.loop_rows) @ robot.constraint_jacobian(q)
+    if robot.leading is not None:
+        rows = robot.leading * rows
     free = rows @ constant(robot.free_joints.T)
     return rows, free, free.transposed @ free + constant(_LEAST * np.eye(len(robot.free_joints)))

@@ -211,10 +211,12 @@ def _closed(robot: Robot, q: Array) -> Array:
         return q
     from scipy.optimize import least_squares  # Late, as SciPy takes long to import.
 
-    places = [*layout_of(robot).q.joint_places]
+    places = np.array(layout_of(robot).q.joint_places)
     ends = [robot.links[i - 1].limits for i in robot.moving]
-    low = [-np.inf if end.low is None else end.low for end in ends]
-    high = [np.inf if end.high is None else end.high for end in ends]
+    low = np.array([-np.inf if end.low is None else end.low for end in ends])
+    high = np.array([np.inf if end.high is None else end.high for end in ends])
+    # Joints without a range stay, since bounds must differ.
+    places, low, high = (values[low < high] for values in (places, low, high))
 
     def at(joints: Array) -> Array:
         moved = q.copy()

@@ -215,7 +215,7 @@ class Controller:
     motion, whatever the state; "off" commands zeros. `vehicle` is the model that the law knows,
     which need not be the plant. `memory` is how many numbers it remembers, which are integrated
     with the state: nv with integral action, np where it learns. `moved` is the frame that the law
-    moves, if it does.
+    moves, if it does. `leads`: loops of mechanisms are closed at all times, so that it leads them.
     """
 
     vehicle: Vehicle
@@ -225,6 +225,7 @@ class Controller:
     law: str = "computed_torque"
     memory: int = 0
     moved: MovedFrame | None = None
+    leads: bool = True
 
     @cached_property
     def values(self) -> dict[str, Any]:
@@ -237,6 +238,7 @@ class Controller:
             "integral": gains.integral,
             "back": np.array(gains.back),
             "end": self.reference.end,
+            "leading": float(self.leads),
             **({"adaptation": self._adaptation()} if self.learns else {}),
             **of_frame,
         }

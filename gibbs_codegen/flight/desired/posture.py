@@ -31,8 +31,11 @@ _DIFFERENCE = 1e-5
 # Parts of the range of a joint at whose ends commanding postures are looked for, how often all
 # joints are gone through, and what counts as no better.
 _PARTS, _ROUNDS, _BETTER = 6, 4, 1.0 + 1e-6
-# Steps at most in which a loop closes, and errors, m and rad, with which it is closed.
-_CLOSINGS, _CLOSED = 20, 1e-12
+# Steps at most in which a loop closes, how far one goes, m and rad, and errors of what is closed:
+# POSTURE is rounded, so that loops of more rows than joints close no better.
+_CLOSINGS, _LONGEST, _MET = 50, 0.5, 1e-6
+# Greatest parts, m and rad, in which driven joints leave POSTURE; what is beyond a limit, m and °.
+_PART, _BEYOND = 0.1, 1e-4
 # Keeps divisors from being 0.
 _TINY = 1e-300
 
@@ -66,28 +69,116 @@ def _closed(vehicle: Vehicle, motion: Motion) -> Motion:
     robot, q, v, a = Functions(vehicle.module), motion.q, motion.v, motion.a
     if not robot.leads_loops:
         return motion
-    errors, jacobian, bias = (
-        vehicle.function(f"constraint_{name}") for name in ("errors", "jacobian", "bias")
-    )
-    rows, free = robot.loop_rows, robot.free_joints
-    places = [vehicle.coordinates.index(name) for name in robot.undriven]
+    rows, free, bias = robot.loop_rows, robot.free_joints, vehicle.function("constraint_bias")
+    jacobian, places = vehicle.function("constraint_jacobian"), _undriven(vehicle)
+    last = _first_closed(vehicle, q[0])
     for k in range(len(q)):
-        q[k, places] = q[max(k - 1, 0), places]
-        for _ in range(_CLOSINGS):
-            off = rows @ errors(q[k])
-            if np.abs(off).max() < _CLOSED:
-                break
-            q[k, places] -= np.linalg.pinv(rows @ jacobian(q[k]) @ free.T) @ off
-        else:
+        if last is not None:
+            q[k, places] = last[places]
+            last = _near_closed(vehicle, q[k])
+        if last is None:
             raise UsageError(
                 f"{vehicle.name}: at t = {motion.time[k]:.6g} s its loops do not close, where "
                 "driven joints lead; give others (arm.posture_deg, arm.moves_deg)"
             )
+        q[k] = last
     levers = rows @ jacobian(q)
     inverse = -free.T @ np.linalg.pinv(levers @ free.T)
     v = v + (inverse @ (levers @ v[..., np.newaxis]))[..., 0]
     pulls = (levers @ a[..., np.newaxis])[..., 0] + bias(q, v) @ rows.T
     return Motion(motion.time, q, v, a + (inverse @ pulls[..., np.newaxis])[..., 0])
+
+
+def _undriven(vehicle: Vehicle) -> list[int]:
+    """Places among coordinates of joints in loops that nothing drives."""
+    return [vehicle.coordinates.index(name) for name in Functions(vehicle.module).undriven]
+
+
+def _first_closed(vehicle: Vehicle, q: Array) -> Array | None:
+    """Coordinates (nq) that close loops, as near to POSTURE or to a guess q as those are found.
+
+    From POSTURE driven joints go to where they are to be in small parts.
+    """
+    start, places = q.copy(), _undriven(vehicle)
+    start[vehicle.arm] = np.array(vehicle.module.POSTURE)[vehicle.arm]
+    guess = np.concatenate([q[: vehicle.arm.start], start[vehicle.arm], q[vehicle.arm.stop :]])
+    found = None
+    if np.any(q[places] != start[places]):
+        guess, found = q, _near_closed(vehicle, q)
+    if found is None:
+        found, way = start, q - start
+        way[places] = 0.0
+        parts = int(np.ceil(np.abs(way).max() / _PART)) + 1
+        for _ in range(parts):
+            found = None if found is None else _near_closed(vehicle, found + way / parts)
+    if found is not None:
+        turns = vehicle.is_angle[places]
+        away = found[places] - guess[places]
+        found[places] -= np.where(turns, 2.0 * np.pi * np.round(away / (2.0 * np.pi)), 0.0)
+    return found
+
+
+def _near_closed(vehicle: Vehicle, q: Array) -> Array | None:
+    """Coordinates (nq) that close loops near others, by undriven joints alone; None if none do.
+
+    Steps of Gauss and Newton, halved until errors are less.
+    """
+    robot, places = Functions(vehicle.module), _undriven(vehicle)
+    errors, jacobian = (vehicle.function(f"constraint_{x}") for x in ("errors", "jacobian"))
+    rows, free = robot.loop_rows, robot.free_joints
+    off, q = rows @ errors(q), q.copy()
+    for _ in range(_CLOSINGS):
+        step = np.linalg.pinv(rows @ jacobian(q) @ free.T) @ off
+        step /= max(np.abs(step).max() / _LONGEST, 1.0)
+        for share in 0.5 ** np.arange(_HALVINGS):
+            trial = q.copy()
+            trial[places] -= share * step
+            left = rows @ errors(trial)
+            if np.linalg.norm(left) < np.linalg.norm(off):
+                break
+        else:
+            break
+        q, off = trial, left
+    return q if np.abs(off).max() < _MET else None
+
+
+def check_mechanism(vehicle: Vehicle, motion: Motion, limits: JointBounds, leads: bool) -> None:
+    """Raise `UsageError` where loops take joints beyond limits, or do not tell how some move.
+
+    The last is where a law `leads` joints, and rows of undriven ones lose rank: their least
+    singular value is 0, or changes by as much from a knot to the next.
+    """
+    robot, places = Functions(vehicle.module), _undriven(vehicle)
+    for name, place in zip(robot.undriven, places, strict=True):
+        ends = np.array([limit[place - vehicle.arm.start] for limit in limits])
+        values, unit = motion.q[:, place], " m"
+        if vehicle.is_angle[place]:
+            values, ends, unit = np.degrees(values), np.degrees(ends), "°"
+        over = np.maximum(ends[0] - values, values - ends[1])
+        if over[k := int(np.argmax(over))] > _BEYOND:
+            raise UsageError(
+                f"{vehicle.name}: at t = {motion.time[k]:.6g} s its loops take {name} to "
+                f"{values[k]:.4g}{unit}, beyond its limits, {ends[0]:.4g}{unit} and "
+                f"{ends[1]:.4g}{unit}; lead driven joints elsewhere (arm.posture_deg, "
+                "arm.moves_deg)"
+            )
+    levers = robot.loop_rows @ vehicle.function("constraint_jacobian")(motion.q)
+    _, values, ways = np.linalg.svd(levers @ robot.free_joints.T)
+    least = values[:, -1] if len(robot.loop_rows) >= len(places) else np.zeros(len(values))
+    free, change = least <= _MET * values[:, 0], np.abs(np.diff(least))
+    lost = free | (least <= np.maximum(np.append(change, 0.0), np.append(0.0, change)))
+    if not leads or not lost.any():
+        return
+    moved = np.abs(ways[k := int(np.argmax(lost)), -1])
+    names = [x for x, much in zip(robot.undriven, moved, strict=True) if much > 0.1 * moved.max()]
+    loops = [x for x, joints in vehicle.module.LOOPS.items() if {*joints} & {*names}]
+    words, remedy = "do not lead", "they pass a dead centre: lead driven joints elsewhere"
+    if free.all():
+        words, remedy = "leave a freedom to", "let a drive or other loops lead these"
+    raise UsageError(
+        f"{vehicle.name}: at t = {motion.time[k]:.6g} s loops {', '.join(loops)} {words} "
+        f"{', '.join(names)}; {remedy}"
+    )
 
 
 def with_joints(vehicle: Vehicle, base: Motion, joints: Motion) -> Motion:

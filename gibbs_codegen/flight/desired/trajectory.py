@@ -5,6 +5,7 @@ The motion is timed as the paths say, or as fast as limits allow.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -25,6 +26,7 @@ from gibbs_codegen.flight.desired.inverse_kinematics import JointBounds, check_t
 from gibbs_codegen.flight.desired.led_frames import led_frames
 from gibbs_codegen.flight.desired.posture import (
     authority_posture,
+    check_mechanism,
     joint_motion,
     rest_posture,
     with_joints,
@@ -40,6 +42,9 @@ from gibbs_codegen.flight.scenario.paths import Fixed, Path
 from gibbs_codegen.flight.scenario.scenario import ArmTask, Scenario, on_clock, slow_motion
 from gibbs_codegen.flight.vectors import rotation_about, transposed
 
+_log = logging.getLogger("gibbs_codegen")
+# How far from its posture, rad or m, a joint is elsewhere.
+_ASIDE = 1e-3
 # Is told what is being done, and the share of it that is done, 0 to 1.
 Progress = Callable[[str, float], None]
 
@@ -145,13 +150,33 @@ def _with_posture(
         posture = _rest(vehicle, scenario, limits)
     else:
         posture = _joint_values(vehicle, task.posture, "arm.posture")
+    robot = Functions(vehicle.module)
+    undriven = robot.undriven if robot.leads_loops else []
+    for name in undriven:
+        if name in task.moves:
+            raise UsageError(
+                f"arm.moves.{name}: nothing drives this joint of {vehicle.name}, which loops move; "
+                "give moves of driven joints"
+            )
+        if task.posture is not None and name not in task.posture:
+            place = vehicle.joint_names.index(name)
+            posture[place] = vehicle.module.POSTURE[vehicle.arm][place]
     joints_at = partial(joint_motion, vehicle, posture, task.moves)
     wanted, shown = (
         (base_path(vehicle, scenario), scenario.attitude),
         partial(progress, "desired motion"),
     )
     # What the base does then depends on the joints.
-    _check_rates(vehicle, joints_at(time), fastest)
+    joints = joints_at(time)
+    _check_rates(vehicle, joints, fastest)
+    if undriven:
+        check_mechanism(vehicle, joints, limits, scenario.control.law != "off")
+        there = joints.q[0, vehicle.arm]
+        asked = {name: posture[vehicle.joint_names.index(name)] for name in task.posture or ()}
+        off = [x for x, y in asked.items() if abs(there[vehicle.joint_names.index(x)] - y) > _ASIDE]
+        if off:
+            words = "%s: arm.posture: loops take %s elsewhere, as nothing drives them"
+            _log.warning(words, vehicle.name, ", ".join(off))
     if thrust_axis(vehicle, joints_at(time[:1]).q) is not None:
         led = led_frames(vehicle, {}, limits)
         return underactuated_motion(vehicle, time, joints_at, *wanted, led, shown)

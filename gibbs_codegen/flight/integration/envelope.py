@@ -26,6 +26,7 @@ from gibbs_codegen.flight.control.error_polynomials import error_polynomials
 from gibbs_codegen.flight.control.laws import Gains
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
 from gibbs_codegen.flight.plant.actuators import holds
+from gibbs_codegen.flight.plant.environment import open_loops
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE
 from gibbs_codegen.flight.scenario.walls import Wall, bristle, surface_at
@@ -116,14 +117,14 @@ class Envelope:
         """Why a flight cannot go on from a state, with the time and a remedy; "" if it can."""
         lost = f"at t = {time:.6g} s control is lost: "
         if not self._finite(state):
-            return f"{lost}{NOT_FINITE}; {self._advice([])}"
+            return f"{lost}{NOT_FINITE}; {self._advice(time, [])}"
         if self._bounded:
             excess = self._errors(time, state) / self.bounds
             worst = int(np.argmax(excess))
             if excess[worst] > 1.0:
                 advice = f"begin {_NEARER}, or with a greater integration.divergence"
                 if self._start is None or time > self._start[0]:
-                    advice = self._advice(self.loop.saturated(time, state))
+                    advice = self._advice(time, self.loop.saturated(time, state))
                 return f"{lost}{self._in_words(worst, excess[worst])}; {advice}"
         vehicle = self.loop.vehicle
         middle = vehicle.layout.middle_angle
@@ -159,9 +160,12 @@ class Envelope:
             )
         return f"{name} is {off} off, more than {divergence}"
 
-    def _advice(self, saturated: Sequence[str]) -> str:
-        """Advice, by the inputs that are at their limits."""
+    def _advice(self, time: float, saturated: Sequence[str]) -> str:
+        """Advice at a time, by the inputs that are at their limits."""
         loop = self.loop
+        holds = loop.environment.hold if loop.environment else ()
+        if words := open_loops(loop.vehicle.module, holds, time):
+            return f"it moves with {words}"
         if weakness := too_weak(loop):
             return weakness
         law, sampled = loop.controller.law, loop.hold is not None

@@ -70,6 +70,14 @@ class RotorSpin:
         self.axes: Array = axes / np.linalg.norm(axes, axis=-1, keepdims=True)
 
 
+def open_loops(module: Any, holds: Sequence[Hold], end: float) -> str:
+    """Which loops of a mechanism no hold closes from 0 to `end`, s, and a remedy; "" if all do."""
+    closed = {x.constraint for x in holds if x.begin == 0.0 and x.end >= end}
+    loops = ", ".join(name for name in getattr(module, "LOOPS", ()) if name not in closed)
+    words = f"its loops open: {loops}; give the scenario a [[hold]] of each, from begin to end"
+    return words if loops else ""
+
+
 def surrounding(
     vehicle: Vehicle, scenario: AnyScenario | None, place: Callable[[str, str], int] | None = None
 ) -> Environment | None:

@@ -80,7 +80,7 @@ def literal(value: object) -> str:
     if isinstance(value, slice):
         return f"slice({value.start}, {value.stop})"
     if isinstance(value, tuple):
-        return f"({', '.join(map(literal, value))})"
+        return f"({', '.join(map(literal, value))}{',' * (len(value) == 1)})"
     return repr(value)
 
 

@@ -19,6 +19,7 @@ from gibbs_codegen import (
     simulate,
     trim,
 )
+from gibbs_codegen.robot.posture import default_posture, robot_frames
 
 BARS = "".join(
     f'[[link]]\nname = "{name}"\nparent = "{parent}"\nxyz = [{x}, 0, 0]\naxis = "y"\n{effort}\n'
@@ -125,13 +126,101 @@ def test_loops_that_are_open_or_out_of_reach_are_told(caplog: pytest.LogCaptureF
     module = four_bar('"fixed"')
     tables = {"name": "still", "duration": 0.02, "control": {"law": "off"}}
     simulate(module, read_scenario(tables))
-    assert caplog.messages[0].startswith("four_bar_7: moves with its loops open: closure; give")
+    for span in ({"begin": 0.01}, {"end": 0.01}, {}):  # All of it is held by the last alone.
+        simulate(module, read_scenario(tables | {"hold": [{"constraint": "closure", **span}]}))
+    told = "four_bar_7: moves with its loops open: closure; give the scenario a [[hold]] of each"
+    assert [message.startswith(told) for message in caplog.messages] == 3 * [True]
     for arm, words in (
         ({"tip": {"kind": "fixed", "position": [0.3, 0, 0.3]}}, "no path leads frames of"),
         ({"posture_deg": {"crank": 180}}, "t = 0 s its loops do not close, where"),
+        ({"moves_deg": {"rocker": [{"to": 9, "duration": 0.01}]}}, "rocker: nothing drives this"),
     ):
         with pytest.raises(UsageError, match=words):
             simulate(module, read_scenario(tables | {"arm": arm}))
+
+
+def test_no_law_leads_loops_that_no_hold_keeps_closed() -> None:
+    module = four_bar('"fixed"')
+    tables = {"name": "open", "duration": 0.02, "integration": {"method": "rk4", "step": 0.002}}
+    flight = simulate(module, read_scenario(tables))
+    # Each joint is asked for what it needs as of a tree.
+    np.testing.assert_allclose(flight.commanded[0], module.gravity_forces(flight.q[0]) * -1.0)
+
+
+def test_loops_close_as_near_as_they_can_to_what_is_asked(caplog: pytest.LogCaptureFixture) -> None:
+    module = four_bar('"fixed"')
+    tables = {"name": "still", "duration": 0.02, "hold": [{"constraint": "closure"}]}
+    for crank in range(-100, 101, 40):
+        arm = {"posture_deg": {"crank": crank}}
+        begin = simulate(module, read_scenario(tables | {"arm": arm})).q[0]
+        assert np.abs(module.constraint_errors(begin)).max() < 1e-12
+        # The pin is under the line from crank to rocker, as in POSTURE, and nothing is wound.
+        assert np.abs(begin - module.POSTURE).max() < np.pi
+        assert (
+            np.sin(begin[2] - begin[0] - begin[1])
+            * np.sin(module.POSTURE[2] - module.POSTURE[0] - module.POSTURE[1])
+            > 0
+        )
+    assert not caplog.messages
+    simulate(module, read_scenario(tables | {"arm": {"posture_deg": {"rocker": -100}}}))
+    assert caplog.messages == [
+        "four_bar_7: arm.posture: loops take rocker elsewhere, as nothing drives them"
+    ]
+
+
+def test_two_drives_rest_in_a_loop_and_are_told_where_they_break_it() -> None:
+    robot = text_of('"fixed"').replace(
+        '1.0, 0, 0]\naxis = "y"\neffort = 0', '1.0, 0, 0]\naxis = "y"'
+    )
+    module = emitted_module(parse_robot(robot), "default", "constraints")
+    assert module.LOOPS == {"closure": ("coupler",)}
+    tables = {"name": "still", "duration": 0.1, "hold": [{"constraint": "closure"}]}
+    tables["integration"] = {"method": "rk4", "step": 0.002}
+    flight = simulate(module, read_scenario(tables))
+    assert np.abs(flight.q - flight.q_desired).max() < 1e-6
+    assert np.abs(flight.commanded[:, 1]).max() < 1e-8
+    moves = {"moves_deg": {"rocker": [{"to": -90, "duration": 0.1}]}}
+    with pytest.raises(UsageError, match="its loops do not close"):
+        simulate(module, read_scenario(tables | {"arm": moves}))
+
+
+def test_loops_that_do_not_tell_how_joints_move_are_refused() -> None:
+    bars = text_of('"fixed"')
+    same = bars.replace("1.0, 0, 0]", "0.6, 0, 0]").replace("0.5, 0, 0]", "0.2, 0, 0]")
+    roll = (
+        '[[link]]\nname = "rod"\nparent = "coupler"\nxyz = [0, 0, 0]\naxis = "x"\n'
+        "effort = 0\nmass = 0.1\ncom = [0.1, 0.05, 0]\n"
+        "inertia = [1e-4, 1e-4, 1e-4, 0, 0, 0]\n[[frame]]"
+    )
+    free = bars.replace("[[frame]]", roll, 1).replace('on = "coupler"', 'on = "rod"')
+    turn = {"posture_deg": {"crank": 60, "coupler": -60, "rocker": 60}}
+    turn["moves_deg"] = {"crank": [{"to": 240, "duration": 1}]}
+    tables = {"name": "turn", "duration": 1, "hold": [{"constraint": "closure"}]}
+    for robot, arm, words in (
+        (same, turn, "s loops closure do not lead coupler, rocker; they pass a dead centre"),
+        (free, {}, "t = 0 s loops closure leave a freedom to rod; let a drive"),
+    ):
+        module = emitted_module(parse_robot(robot), "default", "constraints")
+        with pytest.raises(UsageError, match=words):
+            simulate(module, read_scenario(tables | {"arm": arm}))
+
+
+def test_limits_of_joints_that_nothing_drives_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = four_bar('"fixed"')
+    monkeypatch.setitem(module.COORDINATE_LIMITS, "rocker", (-2.3, -2.2))
+    tables = {"name": "turn", "duration": 0.5, "hold": [{"constraint": "closure"}]}
+    tables["arm"] = {"moves_deg": {"crank": [{"to": 10, "duration": 0.5}]}}
+    with pytest.raises(UsageError, match=r"its loops take rocker to .* beyond its limits"):
+        simulate(module, read_scenario(tables))
+
+
+def test_joints_without_a_range_stay_where_loops_close() -> None:
+    limits = 'axis = "y"\nlimits_deg = [-20, -20]'
+    robot = parse_robot(text_of('"fixed"').replace('axis = "y"', limits, 1))
+    q = default_posture(robot)
+    assert abs(q[0] - np.deg2rad(-20.0)) < 1e-7
+    frames = robot_frames(robot, q).named
+    np.testing.assert_allclose(frames["tip"].origin, frames["pin"].origin, atol=1e-6)
 
 
 def test_laws_in_c_bring_what_leads_loops(tmp_path: Path) -> None:
