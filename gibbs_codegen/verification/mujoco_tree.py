@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 
 import mujoco
@@ -55,7 +56,12 @@ class MuJoCo:
                     f"<worldbody>{''.join(bodies)}</worldbody></mujoco>"
                 )
         except ValueError as error:
-            raise NotApplicableError(f"MuJoCo rejects it: {' '.join(str(error).split())}") from None
+            words = " ".join(str(error).split())
+            if lacking := re.search(r"mjMINVAL Element name 'body_(\d+)'", words):
+                place = tree.joints[int(lacking[1])].place
+                if label := tree.labels.get(place):
+                    words = f"{label} moves, without a mass; give it mass and inertia"
+            raise NotApplicableError(f"MuJoCo rejects it: {words}") from None
         made = {self._model.body(number).name for number in range(self._model.nbody)}
         if any(f"body_{seat.joint}" not in made for seat in tree.seats):
             raise NotApplicableError("MuJoCo has no frames for what is on a link without mass")

@@ -17,6 +17,7 @@ import numpy as np
 
 from gibbs_codegen.robot.layout import frames_of, layout_of
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.names import link_label
 from gibbs_codegen.robot.parts.body import Body, Rod
 from gibbs_codegen.robot.parts.numbers import BASE, Vector3
 from gibbs_codegen.robot.parts.pose import HERE, Pose
@@ -360,7 +361,8 @@ class Tree:
     - `placement`: where the world's first joints begin, rotation (s, 3, 3) and position (s, 3), for
       each of s states, or one for all.
     - `free`, `constrained`, `arm`: places of the velocities, of the constrained joints and of the
-      arm's with coordinates among all joints; `places`: of the arm's that move, by links;
+      arm's with coordinates among all joints; `places`: of the arm's that move, by links, of
+      which `labels` has words;
       `driven`: of those that inputs drive, the `wheels` last.
     - `gains`, `offsets`: coordinates of all joints are the former (size, size) times those of the
       free ones, and the latter (size,). Gears make other joints follow, and the ground wheels.
@@ -388,6 +390,7 @@ class Tree:
         built = Assembly(robot)
         self.joints, self.parts, self.arm = built.joints, built.parts, built.arm
         self.places = built.places
+        self.labels = {place: link_label(robot, i) for i, place in built.places.items()}
         self.bodies, self.carriers = built.bodies, built.carriers
         self.size, self.count = len(self.joints), len(self.free) + built.held
         self.constrained = [*range(self.count)[self.layout.constrained]]

@@ -184,6 +184,13 @@ def test_mujoco_says_what_it_refuses() -> None:
     tree.joints[7] = _without_mass(tree.joints[7])
     with pytest.raises(NotApplicableError, match=r"MuJoCo rejects it: .*mass"):
         mujoco_tree.MuJoCo(tree)
+    wheels = "".join(
+        f'[[wheel]]\nname = "{name}"\njoint = "{name}"\nradius = 0.1\nxyz = [0, {y}, 0.1]\n'
+        for name, y in (("left", 0.2), ("right", -0.2))
+    )
+    text = 'name = "cart"\n[base]\nmotion = "planar"\ndrive = "differential"\nmass = 3\n'
+    with pytest.raises(NotApplicableError, match="rejects it: left moves, without"):
+        mujoco_tree.MuJoCo(Tree(parse_robot(f"{text}inertia = [1, 1, 1, 0, 0, 0]\n{wheels}")))
 
 
 def _without_mass(joint: Any) -> Any:
