@@ -127,6 +127,8 @@ class Model:
     def levels(self, commands: Array, constants: Any = None) -> Array:
         """States of actuators (s, nx) by commands (s, nu) alone, by Euler's method."""
         module, times = self.module, np.array(self._times)
+        parts = max(1, round(self.h / _SUBSTEP))
+        step = self.h / parts
         if not self.nx:
             return np.zeros((len(commands), 0))
         if not times.size:
@@ -137,16 +139,16 @@ class Model:
 
         else:
             start = commands[0, self._lagging]
+            share = times * -np.expm1(-step / times) / step
 
             def rates(x: Array, command: Array) -> Array:
-                return (command[self._lagging] - x) / times
+                return share * (command[self._lagging] - x) / times
 
         levels = np.empty((len(commands), self.nx))
-        parts = max(1, round(self.h / _SUBSTEP))
         for k, command in enumerate(commands):
             levels[k] = start
             for _ in range(parts):
-                start = start + self.h / parts * rates(start, command)
+                start = start + step * rates(start, command)
         return levels
 
     def moved(self, state: Mapping[str, Array], change: Array) -> dict[str, Array]:

@@ -113,18 +113,30 @@ class Regression:
         misses = misses / size
         robust = np.sqrt(np.minimum(1.0, _OUTLIER / np.maximum(np.abs(misses), 1e-9)))
         flat = (slopes * (robust / size)[..., np.newaxis]).reshape(-1, len(y))
-        # Errors go together that follow each other: a second of them tells as much as one does.
-        flat, flat_misses = (x / np.sqrt(self._second) for x in (flat, (misses * robust).ravel()))
+        flat_misses = (misses * robust).ravel()
+        normal, sums = flat.T @ flat, self._sums(flat * flat_misses[:, np.newaxis])
+        # Errors go together that follow each other: by their sums, as many tell as much as one
+        # does, a second of them at most.
+        alike = np.linalg.eigvals(np.linalg.lstsq(normal, sums.T @ sums)[0]).real.max()
+        share = np.sqrt(np.clip(alike, 1.0, self._second))
+        flat, flat_misses = flat / share, flat_misses / share
         return flat, flat_misses, flat.T @ flat + np.diag(self.prior**-2)
 
+    def _sums(self, scores: Array) -> Array:
+        """Sums (k, n) over a second each of scores (m s, n)."""
+        return np.add.reduceat(
+            scores, np.arange(0, len(scores), self._second * len(self.names)), axis=0
+        )
+
     def covariance(self, y: Array) -> Array:
-        """Covariance of y, if sums of errors over a second are independent, and no more is."""
+        """Covariance of y, if sums of errors over a second are independent, and no more is.
+
+        Where numbers are far from the file, so may be those for which it speaks more than the log.
+        """
         slopes, misses, normal = self._weighed(y)
-        scores = slopes * misses[:, np.newaxis]
-        each = np.arange(0, len(scores), self._second * len(self.names))
-        sums = np.add.reduceat(scores, each)
-        inverse = np.linalg.inv(normal)
-        return np.asarray(inverse @ (sums.T @ sums + np.diag(self.prior**-2)) @ inverse)
+        sums, inverse = self._sums(slopes * misses[:, np.newaxis]), np.linalg.inv(normal)
+        far = np.append(np.full(len(y) - 1, max(1.0, np.mean((y / self.prior)[:-1] ** 2))), 1.0)
+        return np.asarray(inverse @ (sums.T @ sums + np.diag(far / self.prior**2)) @ inverse)
 
 
 def _delayed(commands: Array, samples: float) -> Array:
