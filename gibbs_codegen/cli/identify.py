@@ -29,9 +29,10 @@ def run(options: argparse.Namespace) -> int:
     check_logs(options.logs)
     if bool(options.logs) == bool(options.design):
         raise UsageError("give a LOG to identify from, or --design FILE for a motion that tells")
-    loaded = any(pattern.startswith("payload.") for pattern in options.free)
+    # What a load changes, and places of frames, may be 0 in the file.
+    zero = any(pattern.startswith(("payload.", "frame_")) for pattern in options.free)
     with (
-        robot_argument.found_module(options.robot, terminal.progress(), keep_zeros=loaded) as (
+        robot_argument.found_module(options.robot, terminal.progress(), keep_zeros=zero) as (
             folder,
             _,
         ),

@@ -176,10 +176,11 @@ def identify(
     ends = [round(len(r.time) * (1.0 - hold_out)) for r in recordings]
     used = [part_of(r, slice(end)) for r, end in zip(recordings, ends, strict=True)]
     progress("numbers to begin with", 0.0)
-    regression = Regression(model, unknowns, [Readings(r, module, frames) for r in used])
-    blind = {log.blind: r.source for log, r in zip(regression.logs, used, strict=True)}
+    readings = [Readings(r, module, frames) for r in used]
+    blind = {log.blind: log.source for log in readings}
     if len(blind) > 1:
         raise UsageError(f"{blind[True]}: tells no pose, as {blind[False]} does; take them apart")
+    regression = Regression(model, unknowns, readings)
     sources = [*dict.fromkeys(r.source for r in recordings)]
     pairs = zip(recordings, ends, strict=True)
     rest = [part for r, end in pairs for part in cut(r, [slice(end, len(r.time))])]
@@ -187,7 +188,8 @@ def identify(
         ahead = [Readings(r, module, frames) for r in rest]
         return _without_pose(regression, ahead, sources)
     y, _ = regression.run()
-    begin = y[:-1] * bool(np.any(np.abs(y[:-1]) > _FAR * prior))
+    far = np.isfinite(y).all() and np.any(np.abs(y[:-1]) > _FAR * prior)
+    begin = np.where(far, y[:-1], 0.0)
 
     def fitted(
         parts: Sequence[Recording], start: Array | None, what: str, numbers: bool = True
@@ -296,7 +298,8 @@ def _by_motion(
 ) -> Identified:
     """What the most likely motion and numbers tell."""
     unknowns, f, module = smoother.unknowns, len(smoother.unknowns.names), smoother.model.module
-    spread = np.sqrt(np.nanmean(np.clip(estimate.misses, -3, 3) ** 2, axis=0))
+    told = np.flatnonzero(np.isfinite(estimate.misses).any(axis=0))
+    spread = np.sqrt(np.nanmean(np.clip(estimate.misses[:, told], -3, 3) ** 2, axis=0))
     # What is not explained by noise makes numbers less certain than noise alone would.
     doubt = max(1.0, float(spread.max()), float(estimate.left.max())) ** 2
     whole = doubted(estimate.covariance, smoother.prior, doubt)
@@ -311,7 +314,7 @@ def _by_motion(
     else:
         for name, error in zip(module.INPUTS, smoother.model.noise.tolist(), strict=True):
             others[f"error of the input {name}, deviation"] = error, float("nan")
-    residuals = dict(zip(names, spread.tolist(), strict=True))
+    residuals = dict(zip((names[k] for k in told), spread.tolist(), strict=True))
     z, settled = estimate.shared[:f], estimate.settled
     return _identified(unknowns, z, whole[:f, :f], settled, residuals, others, sources, prediction)
 

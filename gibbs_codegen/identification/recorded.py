@@ -27,6 +27,7 @@ from gibbs_codegen.flight.plant.kinematics import quaternions_of
 from gibbs_codegen.flight.plant.vehicle import Flags, Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.vectors import Array
+from gibbs_codegen.robot.layout import Layout
 
 _log = logging.getLogger("gibbs_codegen")
 # The shortest step of the grid, s, the fewest samples, and readings of a coordinate.
@@ -294,9 +295,26 @@ def _filled(series: Array) -> Array:
     """Series (s, k) with straight lines where they are NaN."""
     filled, places = series.copy(), np.arange(len(series))
     for column in filled.T:
-        known = np.isfinite(column)
-        column[~known] = np.interp(places[~known], places[known], column[known])
+        if (known := np.isfinite(column)).any():
+            column[~known] = np.interp(places[~known], places[known], column[known])
     return filled
+
+
+def _turn(module: Any, layout: Layout, frames: Sequence[str]) -> tuple[int, Array]:
+    """Which of some frames is on the base, the first of all, and its axes (3, 3) in the base's.
+
+    Raises `UsageError` if none is.
+    """
+    neutral, joints = np.array(layout.neutral), layout.v.joints
+    places = [module.FRAMES.index(frame) for frame in frames]
+    moves = module.frame_jacobians(neutral)[places][..., joints].any(axis=(1, 2))
+    if moves.all():
+        raise UsageError(
+            f"without a pose an IMU on the base tells how it turns; {', '.join(frames)} are on "
+            "links: give a log with an IMU on the base, or with a pose"
+        )
+    place = int(np.argmin(moves))
+    return place, np.asarray(module.frame_poses(neutral)[places[place], :3, :3])
 
 
 def _new(values: Array) -> Array:
@@ -331,10 +349,12 @@ class Readings:
     """Readings of a recording as a fit takes them, with deviations, and a first guess of states.
 
     `q` (s, nq) are those that are known, `has` (s, nd) which; `felt` (s, 6 i) of IMUs, NaN where
-    there is none, and `felt_filled`. `blind` if no reading tells the pose of a base that flies.
+    there is none, by `frames`, and `felt_filled`. `blind` if no reading tells the pose of a base
+    that flies.
     """
 
     def __init__(self, recording: Recording, module: Any, frames: tuple[str, ...]) -> None:
+        self.source, self.frames = recording.source, frames
         q, vehicle = recording.q.copy(), Vehicle(module)
         vehicle.check_wheels()
         layout = vehicle.layout
@@ -345,6 +365,11 @@ class Readings:
         # Without a pose it is as good to stay in one: accelerometers do not feel gravity.
         self.blind = bool(layout.moves_freely and frames and lacking[layout.q.base].all())
         if self.blind:
+            if not layout.is_quaternion:
+                raise UsageError(
+                    f"{self.source}: tells no pose, without which attitudes are no angles; give "
+                    'the robot file attitude = "quaternion"'
+                )
             lacking[layout.q.base] = False
             known[:, layout.q.base] = True
             q[:, layout.q.base] = np.array(layout.neutral)[layout.q.base]
@@ -363,6 +388,11 @@ class Readings:
         self.felt = np.concatenate(
             [np.zeros((count, 0)), *(recording.imus[frame] for frame in frames)], axis=1
         )
+        if self.blind and (np.isfinite(self.felt).sum(axis=0) < _LEAST_READINGS).any():
+            raise UsageError(
+                f"{self.source}: tells no pose, and an IMU reads nothing in a part of it; cut that "
+                "part out (--between)"
+            )
         self.felt_filled = _filled(self.felt)
         low = butter(4, min(_CUTOFF, 0.4 / h), fs=1 / h, output="sos")
         guess = sosfiltfilt(low, smooth, axis=0)
@@ -378,7 +408,9 @@ class Readings:
             moves = vehicle.displacement(self.q[rows][:-1], self.q[rows][1:])[:, [k]]
             self.deviations[k] = deviation(moves, floor, increments=True)[0]
         if self.blind:
-            self.rates[:, layout.v.attitude] = self.felt_filled[:, 3:6]
+            place, axes = _turn(module, layout, frames)
+            spins = self.felt_filled[:, 6 * place + 3 : 6 * place + 6]
+            self.rates[:, layout.v.attitude] = spins @ axes.T
         floors = [*[_FLOOR_FELT] * 3, *[_FLOOR_SPIN] * 3]
         self.felt_deviations = np.array(
             [

@@ -8,17 +8,20 @@ the robot file is; and where no log tells a pose, this is the fit.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.signal import butter, sosfiltfilt
 
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.identification.model import Model
 from gibbs_codegen.identification.recorded import Readings
 from gibbs_codegen.identification.unknowns import Unknowns
 
+_log = logging.getLogger("gibbs_codegen")
 # What is faster is left out, Hz; so is what is slower of turns of a base of which no log tells
 # how fast it goes, since the air turns it by that.
 _FAST, _SLOW = 10.0, 2.0
@@ -34,26 +37,43 @@ _DIFFERENCE, _MOST, _SETTLED, _ITERATIONS = 1e-4, 0.7, 0.03, 25
 class Regression:
     """Accelerations of logs by y: unknowns, and a delay of readings, s.
 
-    `measured` (s, m) are low-passed accelerations by their `names` (m).
+    `measured` (s, m) are low-passed accelerations by their `names` (m). Logs that are too short
+    are left out. Raises `UsageError` if all are, or slow, and tell no pose.
     """
 
     def __init__(self, model: Model, unknowns: Unknowns, logs: Sequence[Readings]) -> None:
-        self.model, self.unknowns, self.logs = model, unknowns, logs
+        self.model, self.unknowns = model, unknowns
         h, layout = model.h, model.layout
+        edge = round(_EDGE / h)
+        self.logs = [log for log in logs if len(log.q) - 1 > 2 * edge]
+        self.blind = any(log.blind for log in logs)
         fast = min(_FAST, 0.4 / h)
         self._low = butter(3, fast, fs=1 / h, output="sos")
-        self._turns = butter(3, (_SLOW, fast), "bandpass", fs=1 / h, output="sos")
-        self._rows = slice(
-            round(_EDGE / h), -round(_EDGE / h), max(1, round(1 / h / _SAMPLES / fast))
-        )
-        self._second = round(1 / h / self._rows.step)
-        self.blind = any(log.blind for log in logs)
+        if self.blind:
+            if fast < 2 * _SLOW:
+                raise UsageError(
+                    f"{logs[0].source}: tells no pose, and has {1 / h:.3g} samples a second; "
+                    f"{_SLOW / 0.2:g} are the fewest of such logs: record more often"
+                )
+            if not self.logs:
+                raise UsageError(
+                    f"{logs[0].source}: tells no pose, and is too short for that, or what is held "
+                    f"out of it; {2 * _EDGE:g} s of it are used up by filters"
+                )
+            for log in logs:
+                if log not in self.logs:
+                    words = "%s: a part is left out, of %.3g s, since filters use up %g"
+                    _log.warning(words, log.source, h * len(log.q), 2 * _EDGE)
+            self._turns = butter(3, (_SLOW, fast), "bandpass", fs=1 / h, output="sos")
+        self._rows = slice(edge, -edge or None, max(1, round(1 / h / _SAMPLES / fast)))
+        self._second = max(1, round(1 / h / self._rows.step))
         self._places = [*range(model.nv)]
         if self.blind:
             self._places = self._places[layout.v.attitude.start :]
         self._felt = [k for k in range(logs[0].felt.shape[1] * self.blind) if k % 6 < 3]
         self.names = [f"acceleration along {model.module.VELOCITIES[k]}" for k in self._places]
-        self.names += [f"accelerometer, {'xyz'[k % 6]}" for k in self._felt]
+        frames = logs[0].frames
+        self.names += [f"IMU at {frames[k // 6]}, acceleration {'xyz'[k % 6]}" for k in self._felt]
         delay = _DELAY if self.blind else _NO_DELAY
         self.prior = np.array([*[unknowns.prior] * len(unknowns.names), delay])
         self._sizes = np.array([*[1.0] * len(unknowns.names), delay])
@@ -63,10 +83,14 @@ class Regression:
                 "v": sosfiltfilt(self._low, log.rates, axis=0),
                 "pull": np.zeros((len(log.q), model.pulls)),
             }
-            for log in logs
+            for log in self.logs
         ]
+        nothing = np.zeros((0, len(self.names)))
         self.measured = np.concatenate(
-            [self._passed(np.diff(log.rates, axis=0), log.felt_filled) for log in logs]
+            [
+                nothing,
+                *(self._passed(np.diff(log.rates, axis=0), log.felt_filled) for log in self.logs),
+            ]
         )
 
     def _passed(self, changes: Array, felt: Array) -> Array:
@@ -92,8 +116,10 @@ class Regression:
         return np.concatenate(rows) - self.measured
 
     def run(self) -> tuple[Array, bool]:
-        """The most likely y, and whether steps have come to an end."""
+        """The most likely y, 0 without logs, and whether steps have come to an end."""
         y, settled = np.zeros(len(self.prior)), False
+        if not self.logs:
+            return y, settled
         for _ in range(_ITERATIONS):
             slopes, misses, normal = self._weighed(y)
             covariance = np.linalg.inv(normal)

@@ -18,7 +18,7 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError, near, printable
 from gibbs_codegen.flight.vectors import Array
-from gibbs_codegen.robot.names import default_prefix
+from gibbs_codegen.robot.names import default_prefix, frame_prefix
 from gibbs_codegen.robot.parts.base import FIXED
 from gibbs_codegen.robot.parts.body import entries_of, inertia_matrix
 from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, XYZ
@@ -29,7 +29,7 @@ _FREE = re.compile(
     r"|damping|friction_\w+|servo_(stiffness|damping|delay))$"
 )
 # What numbers of all rotors together are called, and those of what a body carries.
-_ROTORS, _PAYLOAD = "rotors", "payload"
+_ROTORS, _PAYLOAD = "rotors.", "payload"
 # Of a load the mass to begin with, as a share of its body's, and deviations of the prior: of the
 # logarithm of its mass, and of its place, m.
 _LIGHT, _ANY_MASS, _ANYWHERE = 0.1, 1.5, 0.1
@@ -61,13 +61,14 @@ class Unknowns:
                 f"{module.NAME}: has no number that is free by default; give some (--free)"
             )
         self._bodies, self._scales = self._bodies_of(), dict[str, float]()
+        places = {f"{frame_prefix(frame)}_{axis}" for frame in module.FRAMES for axis in XYZ}
         for name in self.names:
             if name.startswith(f"{_PAYLOAD}."):
                 self._begin_load(name)
+            elif name in places:
+                self._scales[name] = _PLACE
             elif "_com_" in name:
                 self._scales[name] = self._gyration(name.partition("_com_")[0])
-            elif name.startswith("frame_"):
-                self._scales[name] = _PLACE
             elif any(self.file[member] == 0.0 for member in self._members[name]):
                 raise UsageError(
                     f"--free {name}: is 0 in the robot file, from where no factor leads away; give "
@@ -83,7 +84,7 @@ class Unknowns:
         first = f"{prefixes[0]}_"
         ends = [name.removeprefix(first) for name in self.file if name.startswith(first)]
         rows = {end: tuple(f"{prefix}_{end}" for prefix in prefixes) for end in ends}
-        return {f"{_ROTORS}.{end}": row for end, row in rows.items() if {*row} <= self.file.keys()}
+        return {f"{_ROTORS}{end}": row for end, row in rows.items() if {*row} <= self.file.keys()}
 
     def _loads(self) -> dict[str, tuple[str, ...]]:
         """By numbers of loads those of their bodies in which they are."""
@@ -144,6 +145,8 @@ class Unknowns:
             if mark and axes in AXIS_PAIRS[:3]:
                 others = (f"{body}_inertia_{axes}" for axes in AXIS_PAIRS[:3])
                 chosen |= dict.fromkeys(n for n in others if self.file.get(n))
+            if name.startswith(f"{_PAYLOAD}."):  # Without a mass its place changes nothing.
+                chosen[f"{name.rpartition('_')[0]}_mass"] = None
         both = [
             name
             for name in chosen

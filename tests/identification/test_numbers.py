@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
+from argparse import Namespace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from gibbs_codegen.cli import identify, robot_argument
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.identification.identify import doubted, unseen
 from gibbs_codegen.identification.recorded import Recording, deviation
@@ -55,6 +58,13 @@ def test_places_of_frames_are_off_by_lengths(module) -> None:
     unknowns = Unknowns(module, ["frame_*"], 0.3)
     count = len(unknowns.names)
     np.testing.assert_allclose(unknowns.slopes(np.zeros(count)), 0.1 * np.eye(count), atol=1e-9)
+
+
+def test_links_may_be_called_like_frames_and_rotors() -> None:
+    numbers = {"frame_arm_mass": 0.3, "rotors_arm_mass": 0.3}
+    like = SimpleNamespace(NAME="odd", PARAMETERS=numbers, INPUTS=(), FRAMES=(), ATTITUDE="xyz")
+    unknowns = Unknowns(like, ["frame_arm_mass", "rotors_arm_mass"], 0.3)
+    np.testing.assert_allclose(unknowns.values(np.full(2, -5.0)), 0.3 * np.exp(-5.0))
 
 
 def test_numbers_of_all_rotors_keep_their_ratios(module) -> None:
@@ -204,9 +214,29 @@ def test_a_load_is_a_point_on_its_body(whole) -> None:
     )
 
 
+def test_the_place_of_a_load_frees_its_mass(whole) -> None:
+    names = Unknowns(whole, ["payload.forearm_x"], 0.3).names
+    assert names == ["payload.forearm_mass", "payload.forearm_x"]
+
+
 def test_a_load_needs_all_numbers_of_its_body(tmp_path) -> None:
     module = load(generate("quadrotor_arm_2link", tmp_path, verify=False))
     with pytest.raises(UsageError, match="has no forearm_com_x, which a load changes"):
         Unknowns(module, ["payload.forearm"], 0.3)
     with pytest.raises(UsageError, match="has none"):
         Unknowns(module, ["payload.tip"], 0.3)
+
+
+@pytest.mark.parametrize(
+    ("free", "zeros"), [("frame_imu_?", True), ("payload.arm", True), ("arm_mass", False)]
+)
+def test_patterns_of_what_may_be_zero_keep_zeros(tmp_path, monkeypatch, free, zeros) -> None:
+    def found(*_, keep_zeros: bool):
+        raise UsageError(f"zeros: {keep_zeros}")
+
+    monkeypatch.setattr(robot_argument, "found_module", found)
+    (tmp_path / "log.npz").touch()
+    places = {"out": tmp_path / "out", "logs": [tmp_path / "log.npz"]}
+    options = Namespace(**places, name=[], design=None, free=[free], robot="quadrotor")
+    with pytest.raises(UsageError, match=f"zeros: {zeros}"):
+        identify.run(options)
