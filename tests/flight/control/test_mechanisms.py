@@ -144,7 +144,9 @@ def test_no_law_leads_loops_that_no_hold_keeps_closed() -> None:
     tables = {"name": "open", "duration": 0.02, "integration": {"method": "rk4", "step": 0.002}}
     flight = simulate(module, read_scenario(tables))
     # Each joint is asked for what it needs as of a tree.
-    np.testing.assert_allclose(flight.commanded[0], module.gravity_forces(flight.q[0]) * -1.0)
+    np.testing.assert_allclose(flight.commanded[0], -module.gravity_forces(flight.q[0]))
+    tables |= {"duration": 1, "integration": tables["integration"] | {"divergence": 0.5}}
+    assert "; it moves with its loops open: closure; give" in simulate(module, tables).stopped
 
 
 def test_loops_close_as_near_as_they_can_to_what_is_asked(caplog: pytest.LogCaptureFixture) -> None:
