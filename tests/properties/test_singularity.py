@@ -20,11 +20,10 @@ import numpy as np
 import pytest
 from support.compiled import Array, Emitted, Library, emit
 from support.high_precision import DIGITS, accelerations, evaluated, prepared
-from support.random_robots import random_robot
+from support.random_robots import SEQUENCES, random_robot
 
 from gibbs_codegen.interface import Signature
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.parts.base import SEQUENCES
 from gibbs_codegen.runtime.load import load
 
 RIGHT = math.pi / 2
