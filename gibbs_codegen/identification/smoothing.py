@@ -40,6 +40,8 @@ _CHUNK, _ALL = 1024, slice(None)
 # Changes of shared numbers, of their deviations, and shares of strengths, that are none;
 # iterations at most, and changes of unknowns at once.
 _SETTLED, _SAME, _MOST, _FAR = 0.05, 0.1, 30, 0.5
+# Shares of the last change at which one has not become less, and of a change at least.
+_SHRINKS, _LEAST = 0.7, 0.1
 
 
 @dataclass
@@ -128,55 +130,52 @@ class Smoother:
         calm = 1.0 / (estimate.wind * float(np.sqrt(1.0 - self.left**2)))
         return np.array([*self.step_weights / estimate.slack, *[calm] * self.model.pulls])
 
-    def _slopes(self, estimate: Estimate, free: int, rows: slice) -> tuple[Array, Array]:
-        """Slopes of readings and steps (s, n + free, ·) along the state and what is shared."""
-        model, shared = self.model, estimate.shared
-        state = {name: values[rows] for name, values in estimate.state.items()}
-        m, (after, felt) = model.nd + model.nv + model.nx, self.stepped(shared, state, rows)
-        n = m + model.pulls
-        reads = np.zeros((len(felt), n + free, model.nd + self.imus))
-        steps = np.zeros((len(felt), n + free, n))
-        reads[:, range(model.nd), range(model.nd)] = 1.0
-        steps[:, range(m, n), range(m, n)] = self.left
-        for place, way in enumerate(_STEP * np.eye(n + free, n + len(shared))):
-            moved = model.moved(state, way[:n]) if place < n else state
-            other, feels = self.stepped(shared + way[n:], moved, rows)
-            steps[:, place, :m] = model.away(after, other)
-            reads[:, place, model.nd :] = feels - felt
-        steps[..., :m] /= _STEP
-        reads[..., model.nd :] /= _STEP
-        return reads, steps
-
-    def _part(
-        self, estimate: Estimate, free: int, residuals: tuple[Array, Array], rows: slice
-    ) -> tuple[Array, ...]:
+    def _part(self, estimate: Estimate, free: int, residuals: Array, rows: slice) -> list[Array]:
         """Of the normal equations what some samples give.
 
         Squares of the own state (s, n, n), its products with the next, what is shared and
         residuals (s, n, n + free + 1), those of the next (s, free + 1, n), and squares of what is
         shared.
         """
-        (reads, steps), weights = self._slopes(estimate, free, rows), self._step_weights(estimate)
-        (misses, gaps), n = (values[rows, np.newaxis] for values in residuals), len(weights)
-        robust = np.sqrt(np.minimum(1.0, _OUTLIER / np.maximum(np.abs(misses), 1e-12)))
-        reads *= (self.weights * self.has[rows])[:, np.newaxis]
-        reads = np.concatenate([reads, misses], axis=1) * robust
-        steps *= (weights * self.follows[rows])[:, np.newaxis]
-        steps = np.concatenate([steps, gaps], axis=1)
-        own, moved = reads[:, :n], steps[:, :n]
-        squares = own @ reads.transpose(0, 2, 1) + moved @ steps.transpose(0, 2, 1)
-        lines = np.concatenate([-moved * weights, squares[..., n:]], axis=2)
-        both = np.concatenate([reads[:, n:], steps[:, n:]], axis=2).transpose(1, 0, 2)
-        flat = both.reshape(free + 1, -1)
-        return squares[..., :n], lines, steps[:, n:] * weights, flat @ flat.T
+        model, shared, weights = self.model, estimate.shared, self._step_weights(estimate)
+        state = {name: values[rows] for name, values in estimate.state.items()}
+        (after, felt), nv, n = self.stepped(shared, state, rows), model.nv, len(weights)
+        reads, whole = nv + self.imus, nv + self.imus + n
+        # Slopes of readings and steps along the state and what is shared, and residuals.
+        slopes = np.zeros((len(felt), n + free + 1, whole))
+        slopes[:, range(nv), range(nv)] = 1.0
+        pulls = np.arange(-model.pulls, 0)
+        slopes[:, n + pulls, whole + pulls] = self.left
+        changed = slice(nv, whole - model.pulls)
+        for place, way in enumerate(_STEP * np.eye(n + free, n + len(shared))):
+            moved = model.moved(state, way[:n]) if place < n else state
+            other, feels = self.stepped(shared + way[n:], moved, rows)
+            change = np.concatenate([feels - felt, model.away(after, other)], axis=1)
+            slopes[:, place, changed] = change / _STEP
+        heavy = np.concatenate(
+            [self.weights * self.has[rows], weights * self.follows[rows]], axis=1
+        )
+        slopes *= heavy[:, np.newaxis]
+        slopes[:, -1] = residuals[rows]
+        misses = np.abs(residuals[rows, np.newaxis, :reads])
+        slopes[..., :reads] *= np.sqrt(_OUTLIER / np.maximum(misses, _OUTLIER))
+        squares = slopes[:, :n] @ slopes.transpose(0, 2, 1)
+        steps = slopes[..., reads:] * weights
+        lines = np.concatenate([-steps[:, :n], squares[..., n:]], axis=2)
+        flat = slopes[:, n:].transpose(1, 0, 2).reshape(free + 1, -1)
+        return [squares[..., :n], lines, steps[:, n:], flat @ flat.T]
 
-    def _solved(self, estimate: Estimate, free: int) -> tuple[Array, Array, Array]:
-        """Changes of states (s, n) and of what is shared, and the covariance of the latter."""
+    def _solved(
+        self, estimate: Estimate, free: int, share: float = 1.0
+    ) -> tuple[Array, Array, float, Array]:
+        """Changes of what is shared, a share of the whole, and of the states (s, n) that fit them.
+
+        Then the whole, the greatest over its deviation, and the covariance of what is shared.
+        """
         misses, gaps, prior = self._residuals(estimate)
         chunks = [slice(k, k + _CHUNK) for k in range(0, len(self.q), _CHUNK)]
-        parts = self._pool.map(
-            lambda rows: self._part(estimate, free, (misses, gaps), rows), chunks
-        )
+        residuals = np.concatenate([misses, gaps], axis=1)
+        parts = self._pool.map(lambda rows: self._part(estimate, free, residuals, rows), chunks)
         *arrays, corners = zip(*parts, strict=True)
         diagonal, lines, after = map(np.concatenate, arrays)
         corner, weights = np.sum(corners, axis=0), self._step_weights(estimate)
@@ -198,17 +197,23 @@ class Smoother:
         flat = lines[..., n:].reshape(-1, free + 1)
         corner = corner - flat.T @ flat
 
-        covariance = np.linalg.inv(corner[:free, :free])
+        # Readings add to what the prior tells; rounding, of equations that are so sure, may not.
+        scale = self.prior[:free, np.newaxis]
+        told, ways = np.linalg.eigh(corner[:free, :free] * scale * scale.T)
+        covariance = (scale * ways / np.maximum(told, 1.0)) @ (scale * ways).T
         shared = -covariance @ corner[:free, -1]
+        size = np.max(np.abs(shared) / np.sqrt(np.diag(covariance)), initial=0.0)
+        unknowns = shared[: len(self.unknowns.names)]
+        shared *= share * min(1.0, _FAR / np.max(np.abs(unknowns), initial=_FAR))
         local = -lines[..., n:] @ np.append(shared, 1.0)
         later = np.zeros(n)
         for k in range(len(local) - 1, -1, -1):
             local[k] = later = diagonal[k].T @ (local[k] - lines[k, :, :n] @ later)
-        return local, shared, covariance
+        return shared, local, float(size), covariance
 
     def covariance(self, estimate: Estimate, free: int | None = None) -> Array:
         """The covariance of what is shared, or of the first `free`, by slopes of readings."""
-        return self._solved(estimate, len(self.prior) if free is None else free)[2]
+        return self._solved(estimate, len(self.prior) if free is None else free)[-1]
 
     def run(
         self,
@@ -221,27 +226,31 @@ class Smoother:
 
         Steps may leave `slacks` times as much in the first iterations. Costs are no guide on the
         way: a step that changes numbers leaves what equations that are so sure punish at once, and
-        the next one takes back.
+        the next one takes back. Where changes do not become less, numbers take a share of them.
         """
-        free, names = len(self.prior) if numbers else 0, len(self.unknowns.names)
+        free, last, share = len(self.prior) if numbers else 0, 0.0, 1.0
         for iteration in range(_MOST):
             early = iteration < len(slacks)
             estimate = replace(estimate, slack=slacks[iteration] if early else 1.0)
-            local, change, covariance = self._solved(estimate, free)
-            size = np.max(np.abs(change) / np.sqrt(np.diag(covariance)), initial=0.0)
+            change, local, size, covariance = self._solved(estimate, free, share)
             if not np.isfinite(size):
                 break
-            step = min(1.0, _FAR / np.max(np.abs(change[:names]), initial=_FAR))
             shared = estimate.shared.copy()
-            shared[:free] += step * change
-            state = self.model.moved(estimate.state, step * local)
+            shared[:free] += change
+            state = self.model.moved(estimate.state, local)
             estimate = replace(estimate, shared=shared, state=state, covariance=covariance)
             before = estimate.wind
             if self.model.free and not early:
                 estimate.wind = max(_CALM, float(np.sqrt(np.mean(state["pull"] ** 2))))
-            tell(f"iteration {iteration + 1}", 1.0 - 1.0 / (2.0 + iteration))
-            same = abs(np.log(before / estimate.wind)) < _SAME
-            if not early and same and (size < _SETTLED if free else iteration > 2):
+            tell(f"iteration {iteration + 1}, change {size:.2g}", 1.0 - 1.0 / (2.0 + iteration))
+            if early:
+                continue
+            # What further iterations would change, if each changes less by the same factor.
+            rest = size**2 / max(last - size, 0.1 * size, 1e-9)
+            if last and size > _SHRINKS * last:
+                share = max(0.5 * share, _LEAST)
+            same, last = abs(np.log(before / estimate.wind)) < _SAME, size
+            if same and (rest < _SETTLED if free else iteration > 2):
                 estimate.settled = True
                 break
         misses, gaps, _ = self._residuals(estimate)
