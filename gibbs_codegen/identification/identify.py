@@ -46,7 +46,7 @@ _AHEAD, _FIRST = 0.5, 2000
 _SLACKS = 30.0, 30.0, 10.0, 3.0
 # Deviations of the prior from which on a value contradicts the robot file, and those from which on
 # a fit begins elsewhere.
-_CONTRADICTS, _FAR = 3.0, 2.0
+_CONTRADICTS, _FAR = 3.0, 1.0
 # Numbers at most that are proposed to be free.
 _PROPOSED = 4
 

@@ -146,14 +146,14 @@ class Smoother:
         """
         model, shared, weights = self.model, estimate.shared, self._step_weights(estimate)
         state = {name: values[rows] for name, values in estimate.state.items()}
-        (after, felt), nv, n = self.stepped(shared, state, rows), model.nv, len(weights)
-        reads, whole = nv + self.imus, nv + self.imus + n
+        (after, felt), nd, n = self.stepped(shared, state, rows), model.nd, len(weights)
+        reads, whole = nd + self.imus, nd + self.imus + n
         # Slopes of readings and steps along the state and what is shared, and residuals.
         slopes = np.zeros((len(felt), n + free + 1, whole))
-        slopes[:, range(nv), range(nv)] = 1.0
+        slopes[:, range(nd), range(nd)] = 1.0
         pulls = np.arange(-model.pulls, 0)
         slopes[:, n + pulls, whole + pulls] = self.left
-        changed = slice(nv, whole - model.pulls)
+        changed = slice(nd, whole - model.pulls)
         for place, way in enumerate(_STEP * np.eye(n + free, n + len(shared))):
             moved = model.moved(state, way[:n]) if place < n else state
             other, feels = self.stepped(shared + way[n:], moved, rows)
@@ -236,6 +236,13 @@ class Smoother:
         n = diagonal.shape[-1]
         flat = lines[..., n:].reshape(-1, free + 1)
         corner = corner - flat.T @ flat
+        if not np.isfinite(corner).all():
+            return (
+                np.zeros(free),
+                np.zeros(lines.shape[:2]),
+                np.nan,
+                np.diag(self.prior[:free] ** 2),
+            )
 
         # Readings add to what the prior tells; rounding, of equations that are so sure, may not.
         scale = self.prior[:free, np.newaxis]
@@ -272,13 +279,15 @@ class Smoother:
         for iteration in range(_MOST):
             early = iteration < len(slacks)
             estimate = replace(estimate, slack=slacks[iteration] if early else 1.0)
-            change, local, size, covariance = self._solved(estimate, free, share)
+            with np.errstate(all="ignore"):
+                change, local, size, covariance = self._solved(estimate, free, share)
+            estimate = replace(estimate, covariance=covariance)
             if not np.isfinite(size):
                 break
             shared = estimate.shared.copy()
             shared[:free] += change
             state = self.model.moved(estimate.state, local)
-            estimate = replace(estimate, shared=shared, state=state, covariance=covariance)
+            estimate = replace(estimate, shared=shared, state=state)
             before = estimate.wind
             if self.model.free and not early:
                 estimate.wind = max(_CALM, float(np.sqrt(np.mean(state["pull"] ** 2))))
