@@ -58,7 +58,8 @@ def test_commands_in_another_unit_are_told_once(
     vehicle = SimpleNamespace(
         name="mixed", module=module, is_driven=True, commands=names, inputs=names
     )
-    law: Any = SimpleNamespace(vehicle=vehicle, reference=None, allocation=None, gains=None)
+    gains = SimpleNamespace(back=None)
+    law: Any = SimpleNamespace(vehicle=vehicle, reference=None, allocation=None, gains=gains)
     hold = ZeroOrderHold(law, "own")
     for inputs in ([0.5, 9.0, 3.0], wild, wild):
         hold.command(0.5, np.array(inputs))
