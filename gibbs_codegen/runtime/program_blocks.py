@@ -300,7 +300,8 @@ def differentiable(program: Program, module: ModuleType) -> Callable[..., Any]:
         A function of the inputs, in their order or by name: tensors `(..., *shape)`, or numbers,
         with leading axes, which broadcast, also of those that are uniform in the program.
         `constants` by owner are tensors of a torch module's `prepare`. It returns a tensor
-        `(..., *shape)`, or a tuple of one for each output. Coordinates are plain entries, of a quaternion of any length.
+        `(..., *shape)`, or a tuple of one for each output. Coordinates are plain entries,
+        of a quaternion of any length.
 
     Raises:
         UsageError: If the module was loaded for another back end, PyTorch is not installed, or the
