@@ -157,8 +157,10 @@ def identify(
         UsageError: If a log or a pattern is not of the robot, or it has loops.
     """
     module = identifiable(robot)
-    if not prior > 0.0 or not 0.0 <= hold_out <= 0.9:
-        raise UsageError("prior must be above 0, and hold_out from 0 to 0.9")
+    if not prior > 0.0:
+        raise UsageError(f"prior must be above 0, but is {prior:g}")
+    if not 0.0 <= hold_out <= 0.9:
+        raise UsageError(f"hold_out, a share, must be from 0 to 0.9, but is {hold_out:g}")
     listed = [logs] if isinstance(logs, Flight | Recording | str | os.PathLike) else [*logs]
     check_logs(listed)
     whole = [part for log in listed for part in _recordings(log, module, names or {})]
