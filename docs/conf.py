@@ -30,6 +30,8 @@ STARTUP.mkdir(parents=True, exist_ok=True)
     encoding="utf-8",
 )
 os.environ["IPYTHONDIR"] = str(STARTUP.parents[1])
+# Matplotlib warns of legends that took it a second to place, as on a busy machine.
+os.environ["PYTHONWARNINGS"] = "ignore:Creating legend with loc"
 
 
 def execution_cache() -> Path:
