@@ -10,7 +10,10 @@ from support.emitted import compiled_module
 
 from gibbs_codegen import identify, parse_robot, read_scenario, simulate
 from gibbs_codegen.flight.record.flight import Flight
-from gibbs_codegen.identification.recorded import recording_of
+from gibbs_codegen.identification.identify import model_of
+from gibbs_codegen.identification.recorded import Readings, recording_of
+from gibbs_codegen.identification.smoothing import Smoother
+from gibbs_codegen.identification.unknowns import Unknowns
 
 ROVER = """
 name = "rover"
@@ -85,3 +88,35 @@ def test_numbers_of_a_rover_are_found_within_their_deviations(flight, captured: 
     np.testing.assert_allclose(found.values[sought], [*REAL.values()], rtol=0.01)
     assert found.prediction.keys() == {"position, m", "attitude, rad", "joints, rad or m"}
     assert all(after < before for before, after in found.prediction.values())
+
+
+def test_how_certain_states_are_is_that_of_the_dense_equations(flight) -> None:
+    """The determinant by differences of residuals along all states, and its slope by numbers."""
+    module = compiled_module(parse_robot(ROVER))
+    recording, samples = recording_of(flight, module, "bends"), 24
+    model, unknowns = model_of(module, [recording]), Unknowns(module, [*REAL], 0.3)
+    smoother = Smoother(model, unknowns, [Readings(recording, module, ())])
+    for name in ("command", "q", "has", "felt", "follows"):
+        setattr(smoother, name, getattr(smoother, name)[:samples])
+    smoother.follows[-1] = 0.0
+    state = {name: values[:samples] for name, values in smoother.first.items()}
+    estimate = replace(smoother.start(), state=state, covariance=np.diag(smoother.prior**2))
+    size = model.nd + model.nv + model.nx + model.pulls
+
+    def volume(shared: np.ndarray) -> float:
+        def residuals(step: np.ndarray) -> np.ndarray:
+            state = model.moved(estimate.state, step.reshape(samples, size))
+            misses, gaps, _ = smoother._residuals(replace(estimate, shared=shared, state=state))
+            first = state["pull"][0] / estimate.wind
+            return np.concatenate([misses.ravel(), gaps.ravel(), first])
+
+        ways = 1e-6 * np.eye(samples * size)
+        slopes = np.array([residuals(way) - residuals(-way) for way in ways]) / 2e-6
+        return np.linalg.slogdet(slopes @ slopes.T)[1]
+
+    ways = np.diag(0.1 * smoother.prior)
+    dense = [volume(estimate.shared + way) for way in (0.0 * ways[0], *ways)]
+    assert smoother._eliminated(estimate, 0)[-1] == pytest.approx(dense[0], rel=1e-6)
+    slope = 0.5 * (np.array(dense[1:]) - dense[0]) / (0.1 * smoother.prior)
+    assert np.abs(slope).max() > 1e-3
+    np.testing.assert_allclose(smoother._tilt(estimate), slope, rtol=1e-3, atol=1e-4)
