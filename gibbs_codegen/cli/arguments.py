@@ -382,7 +382,8 @@ def _identify(parser: Parser) -> None:
     parser.add(
         *("--free", "PATTERN"),
         "parameters that are free, such as forearm_mass or '*_com_?', and rotors.drag of all "
-        "rotors alike, payload.LINK of a load; may be repeated (default: all that no ruler tells)",
+        "rotors alike, payload.LINK of a load; may be repeated (default: all but lengths and "
+        "places of frames)",
         action="append",
         default=[],
     )

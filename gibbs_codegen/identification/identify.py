@@ -143,7 +143,7 @@ def identify(
         logs: One or more, each a `Flight`, a `Recording`, a path that `simulate` wrote, or a log
             that `read_log` reads.
         free: Patterns of names of parameters, such as `forearm_mass` or `*_com_?`; `rotors.drag` is
-            a number of all rotors alike. By default all that no ruler tells.
+            a number of all rotors alike. By default all but lengths and places of frames.
         prior: Deviation of a number from that of the robot file, as a share.
         hold_out: Share of each log, at its end, that is not used but predicted.
         names: What logs call things, as of `read_log`.

@@ -23,7 +23,7 @@ from gibbs_codegen.robot.parts.base import FIXED
 from gibbs_codegen.robot.parts.body import entries_of, inertia_matrix
 from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, XYZ
 
-# Free by default: what no ruler tells.
+# Free by default: what a drawing does not tell.
 _FREE = re.compile(
     r"(mass|com_[xyz]|inertia_(xx|yy|zz|xy|xz|yz)|mass_per_length|thrust_\d|drag|time_constant"
     r"|damping|friction_\w+|servo_(stiffness|damping|delay))$"

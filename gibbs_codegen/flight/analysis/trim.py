@@ -559,8 +559,8 @@ def _freedom(
             raise UsageError(f"free: {vehicle.name} {words}")
         if loops := getattr(vehicle.module, "LOOPS", ()):
             raise UsageError(
-                f"free: {name}: joints do not vary where loops of a mechanism must stay closed "
-                f"({', '.join(loops)}); give a posture"
+                f"free: {name}: loops ({', '.join(loops)}) must stay closed, so trim "
+                "varies no joints; give a posture"
             )
         joint = joint_place(vehicle, name)
         low, high = actuators.joints[:, joint] - start[layout.q.joint_places[joint]]

@@ -195,7 +195,7 @@ def check_control(law: Law | None, control: Control, vehicle: RobotData) -> None
             )
     if control.law == PREDICTIVE and (loops := getattr(vehicle.module, "LOOPS", ())):
         raise UsageError(
-            f"control.law: no prediction knows loops of a mechanism ({', '.join(loops)}); set "
+            f"control.law: the predictive law does not know loops ({', '.join(loops)}); set "
             'another law, such as "computed_torque"'
         )
     served = [x for k, x in enumerate(vehicle.joint_names) if has_servo(vehicle, k)]

@@ -515,9 +515,7 @@ class Predictive:
                 'backend="c", where there is a C compiler'
             )
         if loops := ", ".join(getattr(self.module, "LOOPS", ())):
-            raise UsageError(
-                f"{self.module.NAME}: no prediction knows loops of a mechanism ({loops})"
-            )
+            raise UsageError(f"{self.module.NAME}: predictions do not know loops ({loops})")
         robot = Functions(self.module)
         has, under = [*robot.signatures], UNDER_WRENCHES if around.acts or robot.air else ()
         needed = [

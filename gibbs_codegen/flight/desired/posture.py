@@ -78,8 +78,8 @@ def _closed(vehicle: Vehicle, motion: Motion) -> Motion:
             last = _near_closed(vehicle, q[k])
         if last is None:
             raise UsageError(
-                f"{vehicle.name}: at t = {motion.time[k]:.6g} s its loops do not close, where "
-                "driven joints lead; give others (arm.posture_deg, arm.moves_deg)"
+                f"{vehicle.name}: at t = {motion.time[k]:.6g} s its loops do not close with these "
+                "driven joints; change arm.posture_deg or arm.moves_deg"
             )
         q[k] = last
     levers = rows @ jacobian(q)

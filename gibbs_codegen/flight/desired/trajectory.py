@@ -155,8 +155,8 @@ def _with_posture(
     for name in undriven:
         if name in task.moves:
             raise UsageError(
-                f"arm.moves.{name}: nothing drives this joint of {vehicle.name}, which loops move; "
-                "give moves of driven joints"
+                f"arm.moves.{name}: this joint of {vehicle.name} has no drive, and loops "
+                "move it; give moves of driven joints"
             )
         if task.posture is not None and name not in task.posture:
             place = vehicle.joint_names.index(name)
@@ -175,7 +175,7 @@ def _with_posture(
         asked = {name: posture[vehicle.joint_names.index(name)] for name in task.posture or ()}
         off = [x for x, y in asked.items() if abs(there[vehicle.joint_names.index(x)] - y) > _ASIDE]
         if off:
-            words = "%s: arm.posture: loops take %s elsewhere, as nothing drives them"
+            words = "%s: arm.posture: closed loops put joints without a drive elsewhere: %s"
             _log.warning(words, vehicle.name, ", ".join(off))
     if thrust_axis(vehicle, joints_at(time[:1]).q) is not None:
         led = led_frames(vehicle, {}, limits)
@@ -203,8 +203,8 @@ def _with_frames(
     task, time = scenario.arm, knots(scenario.duration)
     if Functions(vehicle.module).leads_loops:
         raise UsageError(
-            f"arm: no path leads frames of {vehicle.name}, whose loops joints close that nothing "
-            "drives; give moves of joints (arm.moves_deg)"
+            f"arm: a path cannot lead frames of {vehicle.name}, since its loops have joints "
+            "without a drive; give moves of joints (arm.moves_deg)"
         )
     guess = None
     if task.guess is not None:
