@@ -47,11 +47,14 @@ class Workers:
         pool, self._pool = self._pool, None
         if pool is not None:
             processes = list((pool._processes or {}).values())
+            manager = pool._executor_manager_thread
             pool.shutdown(wait=False, cancel_futures=True)
             for process in processes:
                 process.kill()
-            for process in processes:
-                process.join()
+            # It waits for the processes; where two threads wait for one, one of them may go on
+            # before that process counts as ended.
+            if manager is not None:
+                manager.join()
 
 
 def own_count() -> int:
