@@ -348,7 +348,7 @@ def _check_open_loop(vehicle: Vehicle, allocation: Allocation, reference: Refere
     """
     time = reference.knots
     q, v, a = reference(time)
-    wrenches = vehicle.base_wrench(q, vehicle.inverse_dynamics(q, v, a))
+    wrenches = vehicle.base_wrench(q, vehicle.needed_force(q, v, a))
     impossible = np.flatnonzero(allocation.residual_at(q, wrenches))
     if len(impossible):
         try:

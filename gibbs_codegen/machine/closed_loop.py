@@ -369,7 +369,7 @@ class LoopStructure:
     def required(self) -> Program:
         """Inputs `wanted` (nu) that accelerations need, as of `command`, of q, v and a."""
         (q, v), a = self.model.state(), self.model.velocities("a")
-        force = self.model.inverse_dynamics(q, v, a)
+        force = carried(self.model, q, self.model.inverse_dynamics(q, v, a))
         wanted, refused = inputs_of(self.model, q, force, self.rotors)
         outputs = {"wanted": wanted, "refused": refused, "wrench": self._wrench(q, force)}
         return self._program("required", (q, v, a), outputs)

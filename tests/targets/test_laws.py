@@ -50,13 +50,15 @@ CALLED["force"] = CALLED["impedance"] = [*CALLED["computed_torque"], *_FRAME]
 CALLED["geometric_force"] = [*CALLED["geometric"], *_FRAME]
 # What it calls besides comes with it.
 CALLED["adaptive"] = CALLED["computed_torque"]
-# With angles, with a quaternion and on wheels, and less of these; of hydrus joints move the rotors.
+# With angles, with a quaternion and on wheels, and less of these; of hydrus joints move the rotors,
+# and of delta_hexarotor loops.
 CASES = {
     "hexarotor_3link": ["force", "adaptive"],
     "quadrotor_arm_2link": ["geometric_force"],
     "hydrus": ["geometric"],
     "planar_quadrotor_arm": ["geometric_force"],
     "rover_arm": ["computed_torque"],
+    "delta_hexarotor": ["geometric"],
 }
 # Of few functions not all that a module has for them is called.
 OPTIONS = ["-O0", "-shared", "-fPIC", "-Wno-unused-function"]
@@ -89,6 +91,11 @@ class Case:
         tip = self.module.FRAMES.index("tip") if "tip" in self.module.FRAMES else 0
         found = law_functions(Functions(self.module), [self.law], centre, tip, moves)
         return [function.program for function in found]
+
+    @property
+    def undriven(self) -> list[str]:
+        """Joints that loops move."""
+        return Functions(self.module).undriven
 
     def inputs(self, seed: int) -> dict[str, Array]:
         """Random values of what a caller of the law gives."""
@@ -229,8 +236,10 @@ def test_laws_have_the_numbers_of_numpy(
     for seed in range(4):
         given = case.inputs(seed)
         rotors, wanted = case.numpy(given)
+        count = len(case.module.INPUTS)
+        loads = [wanted[case.module.INPUTS.index(f"tau_{name}")] for name in case.undriven]
+        np.testing.assert_allclose(loads, 0.0, atol=1e-6)
         if seed > 1:  # Limits that bind.
-            count = len(case.module.INPUTS)
             given["least"] = np.sort(wanted[:count])[count // 4] * np.ones(count)
             given["most"] = np.sort(wanted[:count])[(3 * count) // 4] * np.ones(count)
             _, wanted = case.numpy(given)

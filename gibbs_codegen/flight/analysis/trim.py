@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares, linprog, nnls
 
-from gibbs_codegen.arrays.functions import LEADING, Functions
+from gibbs_codegen.arrays.functions import LEADING
 from gibbs_codegen.errors import UsageError, near, printable
 from gibbs_codegen.flight.analysis.arguments import coordinates, vehicle_of
 from gibbs_codegen.flight.arguments import numbers, real, vector
@@ -92,12 +92,8 @@ class SteadyMotion:
 
     def force(self, q: Array) -> Array:
         """Generalised force (nv) that the inputs must produce at coordinates, beside loops."""
-        acting, robot = self.vehicle.wrench_forces(q, self.wrenches), Functions(self.vehicle.module)
-        force, free = self.vehicle.inverse_dynamics(q, *self.rates(q)) - acting, robot.free_joints
-        if free.size:  # As of `mechanism.carried`.
-            rows = robot.loop_rows @ self.vehicle.function("constraint_jacobian")(q)
-            force -= rows.T @ (np.linalg.pinv(free @ rows.T) @ (free @ force))
-        return force
+        acting = self.vehicle.wrench_forces(q, self.wrenches)
+        return self.vehicle.needed_force(q, *self.rates(q), acting)
 
     def missing(self, q: Array) -> Array:
         """The least part (6) that thrusts leave of the wrench that the base needs.

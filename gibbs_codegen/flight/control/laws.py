@@ -59,10 +59,11 @@ def required_inputs(
 ) -> Array:
     """Inputs u (…, nu) that a motion needs: thrusts, N, then joint torques, N m or N.
 
-    Raises `AllocationError` if no thrusts at all produce the wrench.
+    Loops over joints that nothing drives hold. Raises `AllocationError` if no thrusts at all
+    produce the wrench.
     """
     evaluator = evaluator_of(law_program(vehicle, allocation, "open_loop"), "required")
-    arguments = _of_rotors(vehicle, allocation) | {"q": q, "v": v, "a": a}
+    arguments = _of_rotors(vehicle, allocation) | {"q": q, "v": v, "a": a, "leading": 1.0}
     results = evaluator(arguments, constants_of(vehicle, vehicle), allocation.externals)
     return _commanded(allocation, q, results)
 

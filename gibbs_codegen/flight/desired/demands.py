@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.plant.actuators import actuators_of, joint_place
 from gibbs_codegen.flight.plant.allocation import least_inputs
@@ -50,6 +51,9 @@ def limits_of(vehicle: RobotData, scenario: Scenario) -> TimingLimits:
     for key, values in (("effort", actuators.efforts), ("velocity", actuators.velocities)):
         for name, most in getattr(timing, key).items():
             values[joint_place(vehicle, name, f"timing.{key}")] = most
+    # What loops move needs no torque.
+    for name in Functions(vehicle.module).undriven:
+        actuators.efforts[vehicle.joint_names.index(name)] = np.inf
     rate = np.inf if timing.thrust_rate is None else timing.thrust_rate
     return TimingLimits(actuators.inputs, rate, actuators.velocities)
 
@@ -60,7 +64,7 @@ def needed_inputs(vehicle: Vehicle, q: Array, v: Array, a: Array) -> Array:
     Wrenches that the rotors cannot produce are left out.
     """
     columns = vehicle.input_wrenches(q if vehicle.wrenches_vary else None)
-    return least_inputs(vehicle, q, vehicle.inverse_dynamics(q, v, a), columns)
+    return least_inputs(vehicle, q, vehicle.needed_force(q, v, a), columns)
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from gibbs_codegen.errors import UsageError, near, printable
 from gibbs_codegen.flight.plant.kinematics import kinematics_of
 from gibbs_codegen.flight.vectors import Array as Array
 from gibbs_codegen.flight.vectors import Flags as Flags
+from gibbs_codegen.flight.vectors import times
 from gibbs_codegen.interface import DATA, FUNCTIONS
 from gibbs_codegen.interface.actuators import trivial
 from gibbs_codegen.machine.base import base_of
@@ -269,6 +270,19 @@ class Vehicle(RobotData):
             columns = columns * np.reshape(driven, (-1, *[1] * (columns.ndim - 1)))
         places = np.broadcast_to(q, (*columns.shape[:-1], q.shape[-1]))
         return np.moveaxis(self.base_wrench(places, columns), 0, -1)
+
+    def needed_force(self, q: Array, v: Array, a: Array, acting: Array | float = 0.0) -> Array:
+        """Generalised force (…, nv) of inputs that a motion needs beside what is `acting`.
+
+        Loops over joints that nothing drives hold, and bear their part of it.
+        """
+        force, robot = self.inverse_dynamics(q, v, a) - acting, Functions(self.module)
+        if not robot.leads_loops:
+            return force
+        # As of `mechanism.carried`, but for rounding.
+        jacobian, free = self.function("constraint_jacobian")(q), robot.free_joints
+        levers = np.swapaxes(robot.loop_rows @ jacobian, -1, -2)
+        return force - times(levers @ np.linalg.pinv(free @ levers), times(free, force))
 
     def displacement(self, q0: Array, q: Array) -> Array:
         """The displacement (…, nd) between coordinates (…, nq), with a drive sideways too."""

@@ -172,7 +172,7 @@ class DrawnMachine:
         They know no limits.
         """
         still = np.zeros(self.vehicle.layout.v.size)
-        force = self.vehicle.inverse_dynamics(q, still, still)
+        force = self.vehicle.needed_force(q, still, still)
         return least_inputs(self.vehicle, q, force, self.vehicle.input_wrenches(q))
 
     def state(self, q: Array, u: Array) -> Rest:

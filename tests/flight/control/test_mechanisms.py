@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ from support.emitted import emitted_module, module_with_derivatives
 
 from gibbs_codegen import (
     UsageError,
-    generate,
     linearise,
     lqr,
     parse_robot,
@@ -19,6 +17,8 @@ from gibbs_codegen import (
     simulate,
     trim,
 )
+from gibbs_codegen.flight import Allocation, required_inputs
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.robot.posture import default_posture, robot_frames
 
 BARS = "".join(
@@ -103,6 +103,25 @@ def test_trims_are_of_closed_loops_and_open_loop_torques_hold_them() -> None:
     assert not flight.impact_summaries
     with pytest.raises(UsageError, match="the predictive law does not know loops"):
         simulate(module, read_scenario(tables | {"control": {"law": "predictive"}}))
+
+
+def test_torques_and_fastest_motions_are_of_closed_loops() -> None:
+    module = four_bar('"fixed"')
+    vehicle, q = Vehicle(module), trim(module, posture_deg={"crank": -20}).q
+    jacobian, levers = module.constraint_jacobian(q), module.constraint_jacobian(q)[:, 1:]
+    turns = np.append(1.0, np.linalg.lstsq(levers, -jacobian[:, 0])[0])
+    v, a = 1.3 * turns, 0.7 * turns
+    a[1:] -= np.linalg.lstsq(levers, module.constraint_bias(q, v))[0]
+    # What the crank does is all the work.
+    wanted = [turns @ module.inverse_dynamics(q, v, a), 0.0, 0.0]
+    u = required_inputs(vehicle, Allocation(vehicle.thrust_wrenches()), q, v, a)
+    np.testing.assert_allclose(u, wanted, atol=1e-10)
+    tables = {"name": "turn", "duration": 0.6, "hold": [{"constraint": "closure"}]}
+    tables["arm"] = {"moves_deg": {"crank": [{"to": 0, "duration": 0.5}]}}
+    tables["timing"] = {"law": "fastest", "effort": {"crank": 20.0}}
+    tables["integration"] = {"method": "rk4", "step": 0.002}
+    flight = simulate(module, read_scenario(tables))
+    assert 19.0 < np.abs(flight.commanded[:, 0]).max() < 20.0
 
 
 def test_linear_models_of_mechanisms_hold_loops_or_warn() -> None:
@@ -223,12 +242,3 @@ def test_joints_without_a_range_stay_where_loops_close() -> None:
     assert abs(q[0] - np.deg2rad(-20.0)) < 1e-7
     frames = robot_frames(robot, q).named
     np.testing.assert_allclose(frames["tip"].origin, frames["pin"].origin, atol=1e-6)
-
-
-def test_laws_in_c_bring_what_leads_loops(tmp_path: Path) -> None:
-    (tmp_path / "bars.toml").write_text(text_of('"fixed"'))
-    made = generate(tmp_path / "bars.toml", tmp_path, laws=["computed_torque"], verify=False)
-    law, functions = (next(made.glob(f"*{end}")).read_text() for end in ("_laws.c", "_7.c"))
-    for name in ("four_bar_7_constraint_jacobian(", "four_bar_7_constraint_bias("):
-        assert name in law
-        assert name in functions
