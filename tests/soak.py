@@ -137,10 +137,13 @@ def is_whole(number: int) -> bool:
     return number // 4 % 50 == 0
 
 
-def compare(robot: Robot, module: ModuleType, number: int) -> dict[str, float]:
+def compare(
+    robot: Robot, module: ModuleType, number: int, numpy: ModuleType | None = None
+) -> dict[str, float]:
     """Errors of a module's functions in units of what is allowed: what the soak compares with.
 
-    Against the oracle, and as `gibbs-codegen generate` verifies a module before it is written.
+    Against the oracle, and as `gibbs-codegen generate` verifies a module before it is written;
+    `numpy` is its NumPy back end, if it is another.
     """
     tree = Tree(robot)
     newton_euler, found = formulated(NewtonEuler(tree)), {}
@@ -156,7 +159,7 @@ def compare(robot: Robot, module: ModuleType, number: int) -> dict[str, float]:
         compare_with_oracle(robot, module, STATES)
     else:
         found = of_rounding(robot, module, STATES, number)
-    verified = compare_module(module, robot, [newton_euler], STATES, number)
+    verified = compare_module(module, robot, [newton_euler], STATES, number, numpy=numpy)
     if not all(c.passed for c in verified):
         wrong = [failure_text(c) for c in verified if not c.passed]
         raise DisagreementError(f"is not verified: {'; '.join(wrong)}")
@@ -184,12 +187,13 @@ def check(robot: Robot, number: int, compiled: bool) -> tuple[str, dict[str, flo
         raise DisagreementError(f"is singular and was not refused: {unresisted(robot)}")
     targets = find_targets() if compiled else find_targets(["numpy"])
     with _emitted(render_module(model, "", targets), number) as folder:
-        found = compare(robot, load(folder), number)
+        numpy = load(folder)
+        found = compare(robot, numpy, number)
         if compiled:
             module = load(folder, backend="c")
             if not str(module.__file__).endswith(".so"):
                 raise DisagreementError("did not compile")
-            found |= {f"{k} (C)": e for k, e in compare(robot, module, number).items()}
+            found |= {f"{k} (C)": e for k, e in compare(robot, module, number, numpy).items()}
     if wrong := {name: error for name, error in found.items() if not error <= 1.0}:
         raise DisagreementError(", ".join(f"{name}: {error:.3g}" for name, error in wrong.items()))
     return "compiled" if compiled else "compared", found
