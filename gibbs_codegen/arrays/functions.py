@@ -26,7 +26,7 @@ from gibbs_codegen.interface.choice import options_with
 from gibbs_codegen.robot.layout import Layout
 
 # By which driven joints lead loops of a mechanism.
-LEADING = {f"constraint_{name}" for name in ("errors", "jacobian", "bias")}
+LEADING = {"constraint_jacobian", "constraint_bias"}
 
 
 class Functions:

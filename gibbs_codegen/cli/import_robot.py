@@ -14,7 +14,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from gibbs_codegen.cli.terminal import plain_table, width
+from gibbs_codegen.cli.terminal import counted, plain_table, width
 from gibbs_codegen.errors import Fault, RobotFileError, UsageError, printable
 from gibbs_codegen.exchange.attaching import Attachment, is_robot_file, joined
 from gibbs_codegen.exchange.importing import MOST_TOLD, ImportOptions, in_order, opening_comment
@@ -92,8 +92,9 @@ def run(options: argparse.Namespace) -> int:
             table.add_row("", f"and {len(lines) - _SHOWN} more")
     Console(width=width(), highlight=False).print(table)
     print(
-        f"{printable(out)}: written, for a robot named {robot.name} with {robot.rotors} rotors and "
-        f"{len(robot.links)} moving links, {robot.total_mass:.4g} kg"
+        f"{printable(out)}: written, for a robot named {robot.name} with "
+        f"{counted(robot.rotors, 'rotor')} and {counted(len(robot.links), 'moving link')}, "
+        f"{robot.total_mass:.4g} kg"
     )
     return 0
 

@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gibbs_codegen.cli import robot_argument, terminal
-from gibbs_codegen.cli.terminal import plain_table, print_table
+from gibbs_codegen.cli.terminal import counted, plain_table, print_table
 from gibbs_codegen.robot.balance import (
     HoverThrusts,
     arrangement,
@@ -375,10 +375,11 @@ def _hybrid_rows(model: Model, pattern: Filling) -> list[dict[str, Any]]:
 def _print_report(description: Description, data: dict[str, Any], console: Console) -> None:
     """Print the report of a robot in a readable layout."""
     robot = description.robot
+    kind = "attitude" if robot.base.moves_freely else "motion"
     console.print(
-        f"[bold]{data['name']}[/bold]: {data['rotors']} rotors, {data['links']} links, "
-        f"{data['mass']:.6g} kg, {'attitude' if robot.base.moves_freely else 'motion'} "
-        f"{data['attitude']}, origin {data['origin']}"
+        f"[bold]{data['name']}[/bold]: {counted(data['rotors'], 'rotor')}, "
+        f"{counted(data['links'], 'link')}, {data['mass']:.6g} kg, "
+        f"{kind} {data['attitude']}, origin {data['origin']}"
     )
     if not robot.base.pose.is_identity:
         xyz, turn = _listed(robot.base.pose.xyz), ", ".join(map(str, robot.base.pose.rpy_deg))
