@@ -47,7 +47,7 @@ class Workers:
         pool, self._pool = self._pool, None
         if pool is not None:
             processes = list((pool._processes or {}).values())
-            manager = pool._executor_manager_thread
+            manager: Any = pool._executor_manager_thread  # A thread, which stubs do not know.
             pool.shutdown(wait=False, cancel_futures=True)
             for process in processes:
                 process.kill()
