@@ -11,8 +11,9 @@ import ctypes
 import math
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -371,29 +372,27 @@ class CompiledPredictive:
             last = first + math.prod(shape)
             self.arrays[name], first = memory[first:last].reshape(shape), last
         self.arrays["constants"][:] = np.frombuffer(constants)
-        horizon = transcription.horizon
-        self._u = np.zeros(horizon.robot.inputs)
-        self._own = ctypes.c_void_p(memory.ctypes.data)
+        robot = transcription.horizon.robot
+        self._state = np.zeros(robot.space.coordinates + robot.space.velocities)
+        self._u = np.zeros(robot.inputs)
+        own, state, u = (ctypes.c_void_p(x.ctypes.data) for x in (memory, self._state, self._u))
 
-    def reset(self) -> None:
-        """Forget the plan."""
-        self._call("reset")
+        # To look a function up takes as long as to call it.
+        def call(name: str, *arguments: ctypes.c_void_p) -> Callable[[], int]:
+            return partial(self._library[f"{self._name}_{name}"], own, *arguments)
 
-    def prepare(self) -> None:
-        """Linearise the plan."""
-        self._call("prepare")
+        self.reset, self.prepare, self.shift = map(call, ("reset", "prepare", "shift"))
+        self._feedback, self._act = call("feedback", state, u), call("act", u)
 
     def feedback(self, state: Array) -> tuple[bool, Array]:
         """True if there is a plan at a state (q, v), and inputs (nu)."""
-        return bool(self._call("feedback", state, self._u)), self._u.copy()
-
-    def shift(self) -> None:
-        """Move the plan on by its first step."""
-        self._call("shift")
+        self._state[:] = state
+        return bool(self._feedback()), self._u.copy()
 
     def act(self, u: Array) -> None:
         """Let inputs (nu) act for a step."""
-        self._call("act", u)
+        self._u[:] = u
+        self._act()
 
     def write_c(self, folder: Path) -> list[Path]:
         """Write header and source; raises `OutputError`."""
@@ -408,7 +407,3 @@ class CompiledPredictive:
             with writing(path):
                 path.write_text(text, encoding="utf-8")
         return [folder / f"{self._name}{ending}" for ending in texts]
-
-    def _call(self, name: str, *arrays: Array) -> int:
-        pointers = [ctypes.c_void_p(x.ctypes.data) for x in arrays]
-        return int(self._library[f"{self._name}_{name}"](self._own, *pointers))

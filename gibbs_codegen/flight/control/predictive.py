@@ -25,6 +25,7 @@ import time as clock
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from numbers import Real
 from types import ModuleType
 from typing import Any, NamedTuple, Protocol
@@ -266,8 +267,11 @@ class Predictive:
             )
         robot = Functions(self.module)
         lengths = self.step * self.growth ** np.arange(self.nodes)
-        # Times of nodes after the state at which a plan begins, s.
-        self._ahead = np.concatenate([[0.0], np.cumsum(lengths)])
+        # Times of nodes after the state at which a plan begins, s, and of one more: speeds are from
+        # node to node, since over less, a path that jumps would have any.
+        self._ahead = np.concatenate([[0.0], np.cumsum(np.append(lengths, lengths[-1]))])
+        self._lengths = np.diff(self._ahead)[:, np.newaxis]
+        self._rates = _rates_of_steps(self._lengths[:, 0])
         self._lag = self._limits.lag
         self._inputs = self._sent(self.hover.q, self.hover.u)
         self.horizon = Horizon(
@@ -311,6 +315,12 @@ class Predictive:
         arrays["rounds"][()], arrays["delay"][()] = self.iterations, self.delay or 0.0
         arrays["hover"][:] = self._hovering()
         self._first_point = self._position(self.hover.q)
+        self._pushes = bool(self.horizon.pushing.any())
+        ends = robot.space.coordinates, robot.space.velocities, robot.inputs
+        self._wishes = np.split(arrays["reference"], np.cumsum(ends[::-1])[::-1] * -1, axis=1)
+        # Velocities of a base that moves along its coordinates, as it is in hover.
+        moved = self.hover.q + np.eye(len(self.hover.q))[vehicle.layout.q.position]
+        self._ways = vehicle.difference(self.hover.q, moved)
         arrays["ahead"][:] = self._ahead_costs(constants, weights)
         self._check_paths()
         # Costs after the horizon, by displacements and velocities in the base's frame.
@@ -369,7 +379,7 @@ class Predictive:
         is_first = arrays["failures"] < 0.0
         expected = q if is_first else arrays["x"][0, : len(q)]
         self._surround(time)
-        arrays["reference"][:] = self._reference(time + (self.delay or 0.0) + self._ahead, expected)
+        self._refer(time + (self.delay or 0.0), expected)
         compiled.prepare()
         prepared = clock.perf_counter()
         planned = arrays["u"][0].copy()
@@ -562,7 +572,7 @@ class Predictive:
                 f"{printable(str(self.method))}"
             )
 
-    @property
+    @cached_property
     def _carries(self) -> bool:
         """True if the base is where the first point needs it."""
         free = self.posture is None and self.tolerances.position is None
@@ -727,52 +737,62 @@ class Predictive:
         frame = self.horizon.points[0] if self.horizon.points else 0
         return self.vehicle.frame_poses(q)[frame, :3, 3]
 
-    def _reference(self, times: Array, q_now: Array) -> Array:
-        """References of nodes at times (n), s, a row for each, of a machine that is at q_now."""
-        count, place = len(times), self.vehicle.layout.q.position
-        # Speeds are from node to node: over less, a path that jumps would have any.
-        beyond = np.append(times, 2.0 * times[-1] - times[-2])
+    def _refer(self, time: float, q_now: Array) -> None:
+        """Let nodes be what they are to be from a time, s, on, of a machine that is at q_now."""
+        times, place = time + self._ahead, self.vehicle.layout.q.position
         here = self.vehicle.frame_poses(q_now)[list(self.horizon.points), :3, 3]
-        paths = [np.asarray(path(beyond)) for path in self.points.values()]
-        points = [self._led(path, x, beyond) for path, x in zip(paths, here, strict=True)]
-        rotations = [np.asarray(path(beyond)) for path in self.orientations.values()]
-        led = [*points, *(x.reshape(count + 1, 9) for x in rotations)]
+        paths = [np.asarray(path(times)) for path in self.points.values()]
+        points = [self._led(path, x, times) for path, x in zip(paths, here, strict=True)]
+        rotations = [np.asarray(path(times)) for path in self.orientations.values()]
+        led = [*points, *(x.reshape(len(times), 9) for x in rotations)]
+        is_bent = self.posture is not None or len(led) > self._carries
         if self.posture is not None:
-            q = np.array(self.posture(beyond))
+            q = np.array(self.posture(times))
         else:
-            q = np.tile(self.hover.q, (count + 1, 1))
+            q = np.tile(self.hover.q, (len(times), 1))
             if self._carries:
                 q[:, place] += points[0] - self._first_point
-            if len(led) > self._carries:
+            if is_bent:
                 q = self._fitting(q, points, led)
         if not self._carries:
-            q[:, place] = self._led(q[:, place], q_now[place], beyond)
-        if self.posture is not None or len(led) > self._carries:
+            q[:, place] = self._led(q[:, place], q_now[place], times)
+        if is_bent:
             self._turn_costs(q[-2])
-        v = _rates(self.vehicle.difference(q[:-1], q[1:]), beyond)
+            steps = self.vehicle.difference(q[:-1], q[1:])
+        else:
+            steps = (q[1:, place] - q[:-1, place]) @ self._ways
+        v = self._rates @ steps
         if self.feedforward is not None:
-            u = np.asarray(self.feedforward(times))
-        elif self.horizon.pushing.any():  # The same torques: what servos are sent goes along.
+            u = np.asarray(self.feedforward(times[:-1]))
+        elif self._pushes:  # The same torques: what servos are sent goes along.
             moved = np.concatenate([self.vehicle.difference(self.hover.q, q[:-1]), v], 1)
             layout, pushing = self.vehicle.layout, self.horizon.pushing
             places = [*layout.paired, *range(layout.displaced.size, self.horizon.motion)]
             u = self._inputs + moved @ pushing[:, places].T
         else:
-            u = np.tile(self._inputs, (count, 1))
-        return np.concatenate([*(x[:-1] for x in (*led, q)), v, u], axis=1)
+            u = self._inputs
+        first, *parts = self._wishes
+        for wish, part in zip(parts, (q[:-1], v, u), strict=True):
+            wish[:] = part
+        if led:
+            np.concatenate([x[:-1] for x in led], axis=1, out=first)
 
     def _led(self, path: Array, place: Array, times: Array) -> Array:
         """A path (n, 3), m, at times (n), s, that begins near a place and does not jump.
 
         What is missing of it, now or after a jump, fades as what is led so far ahead comes nearer.
         """
-        lengths = np.diff(times)[:, np.newaxis]
+        lengths = self._lengths
         steps = path[1:] - path[:-1]
         speeds = steps / lengths
-        begins, missing = times[:1], (place - path[0])[np.newaxis]
         # Most paths vary too little in speed for a jump, whatever is usual.
-        range_of_steps = (speeds.max(axis=0) - speeds.min(axis=0)) * lengths.max()
-        if math.hypot(*range_of_steps) > self._farthest:
+        range_of_steps = (speeds.max(axis=0) - speeds.min(axis=0)) * lengths[-1]
+        is_smooth = math.hypot(*range_of_steps) <= self._farthest
+        begins, missing = times[:1], place - path[0]
+        if is_smooth and math.hypot(*missing) <= self._farthest:
+            return path
+        missing = missing[np.newaxis]
+        if not is_smooth:
             around = np.pad(speeds, ((_AROUND, _AROUND), (0, 0)), "reflect")
             usual = np.median(sliding_window_view(around, 2 * _AROUND + 1, axis=0), axis=-1)
             jumps = usual * lengths - steps
@@ -910,11 +930,12 @@ def _again(folder: str, options: dict[str, Any]) -> Predictive:
     return Predictive(**options | {"module": load(folder, "c")})
 
 
-def _rates(steps: Array, times: Array) -> Array:
-    """Rates at times but the last, of steps from each to the next; at the first of what follows."""
-    lengths = np.diff(times)[:, np.newaxis]
-    rates = steps / lengths
-    rates[1:] = (lengths[:-1] * rates[1:] + lengths[1:] * rates[:-1]) / (lengths[:-1] + lengths[1:])
+def _rates_of_steps(lengths: Array) -> Array:
+    """A matrix (n, n) from steps of lengths (n), s, to rates at their begins; first that of it."""
+    before, after = lengths[:-1], lengths[1:]
+    shares = np.r_[1.0, before / (before + after)]
+    rates = np.diag(shares / lengths)
+    rates[range(1, len(lengths)), range(len(before))] = (1.0 - shares[1:]) / before
     return rates
 
 

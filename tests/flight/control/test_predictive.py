@@ -143,7 +143,7 @@ def test_a_plan_is_the_optimum_within_limits(kind: Any, either: ModuleType) -> N
     horizon, own = controller.horizon, controller._compiled
     robot, told = horizon.robot, own.arrays
     nu, nx, nv = robot.inputs, horizon.states, robot.space.velocities
-    told["reference"][:] = controller._reference(controller._ahead, controller.hover.q)
+    controller._refer(0.0, controller.hover.q)
     stay(controller)
     told["tolerance"][()], told["rounds"][()] = 1e-11, 1
     before = told["x"].copy(), told["u"].copy()
@@ -426,8 +426,9 @@ def test_what_is_far_off_is_led_at_a_speed(module: ModuleType) -> None:
     q = controller.hover.q.copy()
     q[place] += off
     speed, nearest = controller.tolerances.velocity, 5.0 * controller.tolerances.point
-    nodes = controller._reference(7.0 + controller._ahead, q)
-    left = 1.0 - nearest - speed * controller._ahead
+    controller._refer(7.0, q)
+    nodes = controller._compiled.arrays["reference"]
+    left = 1.0 - nearest - speed * controller._ahead[:-1]
     np.testing.assert_allclose(nodes[:, :3] - target, np.outer(left, off), atol=1e-12)
     v = nodes[:, 3 + robot.space.coordinates :][:, controller.vehicle.layout.v.position]
     np.testing.assert_allclose(v, np.tile(-speed * off, (len(v), 1)), atol=1e-9)
