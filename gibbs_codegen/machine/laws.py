@@ -177,7 +177,8 @@ class FrameAim:
 
     Stiffness, N/m, damping, N s/m, and inertia, kg, are those along the world's axes (3 each).
     `wrench` (6) is measured: the force, N, and the torque about the frame's origin, N m, that the
-    surroundings do to it, world axes. Without `push` it does not control force.
+    surroundings do to it, world axes. Without `push` it does not control force. Its `velocity` (3)
+    is that of the desired motion, or another.
     """
 
     number: int
@@ -186,6 +187,7 @@ class FrameAim:
     inertia: Node
     wrench: Node
     push: PushAim | None = None
+    velocity: Node | None = None
 
     @property
     def force(self) -> Node:
@@ -318,9 +320,17 @@ def geometric(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
     generalised = robot.inverse_dynamics(q, v, a)
     if aim.frame is not None:
         generalised = generalised - _felt(robot, q, aim.frame)
-    # Another acceleration of the machine as a whole makes up for what this force is not.
+    return with_thrust(robot, q, generalised, thrust * along)
+
+
+def with_thrust(robot: Functions, q: Node, generalised: Node, thrust: Node) -> Node:
+    """A generalised force (nv) with another force (3) of the rotors, world axes.
+
+    Another acceleration of the machine as a whole makes up for what the one is not.
+    """
+    base = base_of(robot, q)
     exerted = base.to_world(base.wrench(zeros(3), generalised)[:3])
-    return generalised + jacobian.transposed @ (thrust * along - exerted)
+    return generalised + robot.centre_of_mass_jacobian(q).transposed @ (thrust - exerted)
 
 
 def at_frame(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
@@ -377,9 +387,11 @@ def _wanted(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
     desired, frame = aim.desired, aim.frame
     assert frame is not None  # noqa: S101 - the law moves a frame
     number, push = frame.number, frame.push
-    along_path = robot.frame_jacobians(desired.q)[number][:3]
-    ahead = robot.frame_bias_accelerations(desired.q, desired.v)[number][:3]
-    velocity, ahead = along_path @ desired.v, ahead + along_path @ desired.a
+    velocity, ahead = frame.velocity, zeros(3)
+    if velocity is None:
+        along_path = robot.frame_jacobians(desired.q)[number][:3]
+        ahead = robot.frame_bias_accelerations(desired.q, desired.v)[number][:3]
+        velocity, ahead = along_path @ desired.v, ahead + along_path @ desired.a
     pull = frame.stiffness * _off(robot, q, aim)
     if push is None:
         pull = pull + frame.force

@@ -29,6 +29,7 @@ from gibbs_codegen.arrays.nodes import (
     zeros,
 )
 from gibbs_codegen.machine import impacts
+from gibbs_codegen.machine.inner_loop import InnerLoop
 from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Machine, Surroundings
 from gibbs_codegen.machine.state import State, StateLayout
 from gibbs_codegen.machine.steps import METHODS, projected
@@ -38,7 +39,8 @@ from gibbs_codegen.machine.steps import METHODS, projected
 class Parts:
     """Parts of a rollout besides inputs; drives have a lag of their own.
 
-    `around` is what acts on frames: with `pushes` there are wrenches. `figures` are those of what
+    With an `inner` loop it has actions in place of inputs. `around` is what acts on frames: with
+    `pushes` there are wrenches. `figures` are those of what
     surrounds it that are part of the program, entry by entry, by the names of `Machine`.
     """
 
@@ -48,6 +50,7 @@ class Parts:
     bounds: bool = False
     around: Surroundings = NO_SURROUNDINGS
     figures: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    inner: InnerLoop | None = None
 
 
 ALL = Parts(feedback=True, limits=True, lag=True, bounds=True, around=Surroundings(pushes=True))
@@ -62,6 +65,7 @@ def rollout_inputs(robot: Functions, parts: Parts) -> dict[str, Node]:
     """Inputs of a program with such parts, of each state or of all, by names, in their order.
 
     - `u` (nu): inputs, or `command` (nu) where there are drives
+    - with an inner loop, in their place `InnerLoop.inputs`
     - `gain` (nu, nd + nv), `desired_q` (nq) and `desired_v` (nv): feedback, which is added to them;
       with states of actuators a gain (nu, nd + nv + nx) and `desired_x` (nx)
     - `least` and `most` (nu): limits, within which they are then brought
@@ -75,6 +79,8 @@ def rollout_inputs(robot: Functions, parts: Parts) -> dict[str, Node]:
     """
     n, m, inputs = robot.space.coordinates, robot.space.velocities, robot.inputs
     variables = [variable(sent(robot), inputs)]
+    if parts.inner:
+        variables = parts.inner.inputs(robot)
     if parts.feedback:
         states = robot.actuator_states
         deviations = robot.layout.displaced.size + m + states
@@ -116,7 +122,11 @@ def rollout_step(
     layout = replace(machine.layout(), actuators=robot.actuator_states or rotors)
     places, x = layout.places, variable("x", layout.size)
     q, v, actuators = coordinates_of(x[places.q], robot.space), x[places.v], x[places.actuators]
-    u = nodes[sent(robot)]
+    if parts.inner:
+        wanted = parts.inner.commands(robot, q, v, nodes)
+        u = named(wanted, "wanted", "inputs of the inner loop")
+    else:
+        u = nodes[sent(robot)]
     if parts.feedback:
         parts_away = [robot.displacement(q, nodes["desired_q"]), nodes["desired_v"] - v]
         parts_away += [nodes["desired_x"] - actuators] if "desired_x" in nodes else []
@@ -179,6 +189,23 @@ def rollout_step(
         ended = named(total(beyond), "beyond", "how far q and v are out of bounds")
     outputs = {"x_next": x_next, "ended": ended, "inputs": u}
     return Program(name, (time, h, x, *nodes.values()), outputs)
+
+
+def decision_program(
+    robot: Functions, method: str, parts: Parts, steps: int, name: str = "decision"
+) -> Program:
+    """So many steps of h under one action or input, one after the other, as one program.
+
+    Its inputs are those of a step: `time`, `h`, `x`, and what `rollout_inputs` has. Coordinates,
+    velocities and what follows them in x become `x_next`; `ended` and `inputs` are those of the
+    last step. What an inner loop calls has the owner `model`, all else that of the robot.
+    """
+    step = rollout_step(robot, method, parts)
+    first, x, rest = step.inputs[:2], step.inputs[2], step.inputs[3:]
+    for _ in range(steps):
+        outputs = step.results(*first, x, *rest)
+        x = outputs["x_next"]
+    return Program(name, step.inputs, outputs)
 
 
 def _figures(parts: Parts, nodes: dict[str, Node], halves: int) -> Callable[..., Node]:

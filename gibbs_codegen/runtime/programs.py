@@ -100,7 +100,7 @@ def take_step(programs: Sequence[Program], names: Sequence[str]) -> list[str]:
     Their outputs are those of `machine.closed_loop`. A program without the output `refused` refuses
     what is not finite.
     """
-    owners = sorted(set().union(*map(owners_of, programs)))
+    owners = sorted(set().union(*map(owners_of, programs)) - {*names})
     return [*sizes(programs[0]), *entry("step", programs, owners, names, STEP)]
 
 
@@ -121,8 +121,10 @@ def entry(
     """A function of inputs up to x, and of all else by addresses, which evaluates a program.
 
     Addresses are of constants of `owners`, of the context of what is written by hand, and of inputs
-    by their names; where there are several programs, that of the number of one comes last.
+    by their names, and constants of other owners; where there are several programs, that of the
+    number of one comes last.
     """
+    given = [*owners, None, *names]
     first = programs[0].names.index("x") + 1
     leading = programs[0].names[:first]
     parameters = [*(f"const real {key}" for key in leading[:-1]), "const number *x"]
@@ -135,16 +137,16 @@ def entry(
     for number, program in enumerate(programs):
         text = CProgram(program, prefix)
         values = [f"(const void *const *)given[{len(owners)}]"] if text.has_context else []
-        values += [f"(const Constants *)given[{owners.index(owner)}]" for owner in text.owners]
+        values += [f"(const Constants *)given[{given.index(owner)}]" for owner in text.owners]
         values += leading
         for key, x in zip(program.names[first:], program.inputs[first:], strict=True):
             kind = "real" if x.is_uniform else "number"
-            at = f"(const {kind} *)given[{len(owners) + 1 + names.index(key)}]"
+            at = f"(const {kind} *)given[{given.index(key)}]"
             values.append(f"*{at}" if x.shape == () else at)
         # What is the same for all states is told of each.
         uniform = {key: x for key, x in program.outputs.items() if text.uniform(x)}
         results = [f"uniform_{key}" if key in uniform else key for key in program.outputs]
-        chosen = f"if (*(const int *)given[{len(owners) + 1 + len(names)}] == {number}) "
+        chosen = f"if (*(const int *)given[{len(given)}] == {number}) "
         lines += [
             f"    {chosen if len(programs) > 1 else ''}{{",
             *(f"        real uniform_{key}[{x.size}];" for key, x in uniform.items()),

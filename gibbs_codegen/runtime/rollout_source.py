@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from gibbs_codegen.arrays.c_text import c_functions, literal
+from gibbs_codegen.arrays.contents import owners_of
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.files.templating import render
@@ -120,30 +121,38 @@ def _source(robot: Functions, programs: Sequence[Program]) -> list[str]:
     ]
 
 
-def _inputs(robot: Functions, programs: Sequence[Program]) -> dict[str, Node]:
+def _inputs(robot: Functions, programs: Sequence[Program]) -> dict[str, Node | None]:
     """Inputs that a rollout may have, and further ones of programs."""
-    inputs = rollout_inputs(robot, ALL)
+    inputs: dict[str, Node | None] = {**rollout_inputs(robot, ALL)}
     for program in programs:
-        inputs |= dict(zip(program.names[3:], program.inputs[3:], strict=True))
+        inputs |= _read(robot, program)
     return inputs
+
+
+def _read(robot: Functions, program: Program) -> dict[str, Node | None]:
+    """Inputs of a program, and None for the constants of a model that it knows, by name."""
+    inputs: dict[str, Node | None] = dict(zip(program.names[3:], program.inputs[3:], strict=True))
+    return inputs | dict.fromkeys(owner for owner in owners_of(program) if owner != robot.owner)
 
 
 def _tables(robot: Functions, programs: Sequence[Program]) -> list[str]:
     """Inputs of programs, in the order of the header, and the programs that have them."""
     inputs, lines, room = _inputs(robot, programs), [], 0
+    read = [_read(robot, program) for program in programs]
     for name, x in inputs.items():
-        size = x.size if any(name in program.names for program in programs) else 0
-        without = literal(_WITHOUT.get(name, 0.0))
-        lines.append(f"    {{{size}, {int(x.is_uniform)}, {without}}}, /* {name} */")
+        size = x.size if x is not None and any(name in names for names in read) else 0
+        is_shared, without = x is not None and x.is_uniform, literal(_WITHOUT.get(name, 0.0))
+        shown = "CONSTANTS" if x is None else size
+        lines.append(f"    {{{shown}, {int(is_shared)}, {without}}}, /* {name} */")
         room += size
+    sizes = ["CONSTANTS"] * (1 + sum(x is None for x in inputs.values()))
     masks = [
-        sum(1 << place for place, name in enumerate(inputs) if name in program.names)
-        for program in programs
+        sum(1 << place for place, name in enumerate(inputs) if name in names) for names in read
     ]
     return [
         f"#define GIVEN {len(inputs)}",
         f"#define PROGRAMS {len(programs)}",
-        f"#define ROOM (CONSTANTS + {room})",
+        f"#define ROOM ({' + '.join([*sizes, str(room)])})",
         "static const Input INPUTS[GIVEN] = {",
         *lines,
         "};",

@@ -27,6 +27,7 @@ from gibbs_codegen.arrays.evaluation import Evaluator
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.machine.contact import bristles_of
+from gibbs_codegen.machine.inner_loop import InnerLoop
 from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Surroundings
 from gibbs_codegen.machine.rollout_steps import ALL, Parts, rollout_inputs, rollout_step, sent
 from gibbs_codegen.machine.steps import METHODS
@@ -97,8 +98,9 @@ class Problem:
     step that takes an entry of q and v beyond `bounds` (2, nq + nv), or makes it not finite; from
     then on it stays as it is, and changes no other. `around` and `figures` are as of `Parts`,
     `bristles` (1 or n, 3 b) those of b contacts with friction at the start, not strained if None,
-    and `loads` (1 or n, 1 or steps, …) wind, drag and payloads, as `rollout_inputs` names them. A
-    sample is kept after every `every`-th step. The step is the module's step_euler or step_rk4.
+    and `loads` (1 or n, 1 or steps, …) wind, drag and payloads, as `rollout_inputs` names them. An
+    `inner` loop has actions in place of inputs, and its other inputs among the loads. A sample is
+    kept after every `every`-th step. The step is the module's step_euler or step_rk4.
     """
 
     module: ModuleType
@@ -120,6 +122,7 @@ class Problem:
     figures: tuple[tuple[str, tuple[float, ...]], ...] = ()
     bristles: Array | None = None
     loads: Mapping[str, Array] = field(default_factory=dict)
+    inner: InnerLoop | None = None
 
     @functools.cached_property
     def parts(self) -> Parts:
@@ -132,6 +135,7 @@ class Problem:
             self.bounds is not None,
             replace(self.around, pushes=self.wrenches is not None),
             self.figures,
+            self.inner,
         )
 
     @property
@@ -323,7 +327,7 @@ def _given(problem: Problem, parts: Parts, xp: Any) -> dict[str, Any]:
     What differs from state to state has axes (1 or n, 1 or steps) in front.
     """
     inputs = {
-        sent(functions_of(problem.module)): problem.inputs,
+        "action" if problem.inner else sent(functions_of(problem.module)): problem.inputs,
         "wrenches": problem.wrenches,
         **problem.loads,
     }
@@ -346,13 +350,20 @@ def _given(problem: Problem, parts: Parts, xp: Any) -> dict[str, Any]:
         layout = functions_of(problem.module).layout
         upwards = gravity_of(problem.module, layout, problem.constants).reshape(-1, 1, 1)
         inputs["gravity"] = upwards * xp.asarray([0.0, 0.0, 1.0])
+    if problem.inner:
+        inputs["model"] = default_constants(problem.module)[np.newaxis, np.newaxis]
     return {name: inputs[name] for name in _inputs(problem.module, parts)}
 
 
 @functools.lru_cache(maxsize=64)
 def _inputs(module: ModuleType, parts: Parts) -> dict[str, bool]:
-    """True for inputs of programs that are the same for all states, by name."""
-    return {name: x.is_uniform for name, x in rollout_inputs(functions_of(module), parts).items()}
+    """True for inputs of programs that are the same for all states, by name.
+
+    With an inner loop those of its model are after them.
+    """
+    inputs = rollout_inputs(functions_of(module), parts)
+    shared = {name: x.is_uniform for name, x in inputs.items()}
+    return shared | ({"model": False} if parts.inner else {})
 
 
 # States (n, nq + nv), or longer by what else they have, steps that each has taken, and why each has
@@ -368,7 +379,7 @@ class Steps:
         self._problem, self._xp = problem, xp
         self.parts = problem.parts if parts is None else parts
         self._program = program_of(problem.module, problem.method, self.parts)
-        self._step = Evaluator(self._program, {"robot": problem.module}, xp)
+        self._step = self._evaluator(self._program)
         self._values = _given(problem, self.parts, xp)
 
     def begin(self) -> Carried:
@@ -392,8 +403,8 @@ class Steps:
         """Inputs (1 or n, nu) that are commanded at the start, within their limits."""
         program = self._program
         commands = Program("commands", program.inputs, {"inputs": program.outputs["inputs"]})
-        evaluator = Evaluator(commands, {"robot": self._problem.module}, self._xp)
-        commands_now: Array = self._evaluated(evaluator, 0, self.begin()[0])["inputs"]
+        now = self._evaluated(self._evaluator(commands), 0, self.begin()[0])
+        commands_now: Array = now["inputs"]
         return commands_now
 
     def rollout(self, x: Any, taken: Any, ended: Any) -> Rollout:
@@ -402,11 +413,15 @@ class Steps:
         samples = self._xp.split(x, ends[:-1], axis=2)
         return self._problem.rollout(samples, taken, ended, self._xp)
 
+    def _evaluator(self, program: Program) -> Evaluator:
+        return Evaluator(program, dict.fromkeys(("robot", "model"), self._problem.module), self._xp)
+
     def _evaluated(self, evaluator: Evaluator, number: Any, x: Array) -> dict[str, Any]:
         problem, values = self._problem, {"time": 0.0, "h": self._problem.dt, "x": x}
         for name, is_shared in _inputs(problem.module, self.parts).items():
             value = self._values[name]
             values[name] = value if is_shared else _of_step(value, number)
+        values.pop("model", None)
         return evaluator(values, {"robot": problem.constants})
 
 

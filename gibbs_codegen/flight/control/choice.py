@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -133,22 +134,9 @@ def control_law(
     if law == PREDICTIVE:  # It is sampled, in place of the inputs of the desired motion.
         law = "open_loop"
     leans, allocation = law in LAWS and LAWS[law].leans, allocation.in_flight()
-    attitude = control.attitude_frequency
-    if attitude is None:
-        attitude = control.frequency * (_FASTER if leans else 1.0)
-    places = vehicle.layout.v
-    frequencies = np.full(places.size, control.frequency)
-    frequencies[places.attitude] = attitude
-    ratios = np.full(places.size, control.damping_ratio)
     check_control(law, control, vehicle)
     held = [k for k in range(vehicle.joints) if holds(vehicle, k) and not turns_servos(law)]
-    for name, row in control.joints.items():
-        place = places.joints.start + joint_place(vehicle, name)
-        frequencies[place] = row.frequency or control.frequency
-        ratios[place] = control.damping_ratio if row.damping_ratio is None else row.damping_ratio
-    # A servo corrects what is off itself, unless the law wants torques of it.
-    frequencies[places.joints][held] = 0.0
-    gains = Gains.of(frequencies, ratios, places.size)
+    gains = gains_of(control, vehicle, leans, held)
     gains = replace(gains, integral=control.integral, adaptation=control.adaptation)
     gains = replace(gains, back=control.back)
     moved = _moved_frame(law, control, vehicle)
@@ -164,6 +152,26 @@ def control_law(
         controller.check_thrust()
     check_integral(controller)
     return controller
+
+
+def gains_of(control: Control, vehicle: RobotData, leans: bool, held: Sequence[int] = ()) -> Gains:
+    """Gains of errors by the frequencies of a scenario, of a base that leans or does not.
+
+    Servos hold the joints `held`, by their places among the joints.
+    """
+    attitude, places = control.attitude_frequency, vehicle.layout.v
+    if attitude is None:
+        attitude = control.frequency * (_FASTER if leans else 1.0)
+    frequencies = np.full(places.size, control.frequency)
+    frequencies[places.attitude] = attitude
+    ratios = np.full(places.size, control.damping_ratio)
+    for name, row in control.joints.items():
+        place = places.joints.start + joint_place(vehicle, name)
+        frequencies[place] = row.frequency or control.frequency
+        ratios[place] = control.damping_ratio if row.damping_ratio is None else row.damping_ratio
+    # A servo corrects what is off itself, unless the law wants torques of it.
+    frequencies[places.joints][[*held]] = 0.0
+    return Gains.of(frequencies, ratios, places.size)
 
 
 def check_control(law: Law | None, control: Control, vehicle: RobotData) -> None:

@@ -27,7 +27,7 @@ _ARRAYS = {
     ],
     rollouts.Rollout: ["time", "q", "v", "thrusts", "steps", "ended", "x", "bristles"],
 }
-_FIXED = ["module", "steps", "method", "every", "precision", "around", "figures"]
+_FIXED = ["module", "steps", "method", "every", "precision", "around", "figures", "inner"]
 for _kind, _names in _ARRAYS.items():
     jax.tree_util.register_dataclass(_kind, _names, _FIXED if _kind is rollouts.Problem else [])
 
