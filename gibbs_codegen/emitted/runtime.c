@@ -20,6 +20,8 @@
 
 #include "sine_cosine.c"
 
+#include "arctangent.c"
+
 #ifdef LANES
 #include "constants.c"
 

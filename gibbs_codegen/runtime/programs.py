@@ -209,8 +209,7 @@ def library(
         name,
         [*c_files(name, per_state=per_state, blocks=blocks), *files],
         chosen_compiler(),
-        # Nobody asks what square roots leave in errno; with it they are not taken side by side.
-        ["-fno-math-errno", *flags, *([f"-D{name.upper()}_FLOAT"] if single else [])],
+        [*flags, *([f"-D{name.upper()}_FLOAT"] if single else [])],
         {file: text.encode() for file, text in sources.items()},
         functions=functions,
         what=what,

@@ -109,6 +109,8 @@ class CPrinter(InfixPrinter):
 
         The function is "sqrt", "atan" or "sign": sines and cosines are computed before.
         """
+        if function == "atan":
+            return f"arctangent({argument})"
         if function == "sign":
             return f"LIBRARY(copysign)({self.number(1.0)}, {argument})"
         return f"LIBRARY({function})({argument})"

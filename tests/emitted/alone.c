@@ -27,6 +27,8 @@ void unpacked(size_t count, size_t width, const real *blocks, real *rows);
 void gathered(int count, const int *rows, const int *columns, int width, const real *matrix,
               real *entries);
 int finite_number(const real *value);
+void arctangent_of(const real *x, real *angle);
+void arctangents(size_t count, const real *RESTRICT x, real *RESTRICT angles);
 
 /* Angles group by group, as the functions for one state do. */
 void few(size_t count, size_t group, const real *angle, real *sine, real *cosine)
@@ -70,4 +72,20 @@ void gathered(int count, const int *rows, const int *columns, int width, const r
 int finite_number(const real *value)
 {
     return is_finite(*value);
+}
+
+void arctangent_of(const real *x, real *angle)
+{
+    *angle = arctangent(*x);
+}
+
+/* In a loop over lanes, as blocks of states are computed. */
+void arctangents(size_t count, const real *RESTRICT x, real *RESTRICT angles)
+{
+    for (size_t i = 0; i < count; i += LANES) {
+        VECTORISE
+        for (int lane = 0; lane < LANES; ++lane) {
+            angles[i + (size_t)lane] = arctangent(x[i + (size_t)lane]);
+        }
+    }
 }

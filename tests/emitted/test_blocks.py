@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import itertools
 import math
 
+import mpmath
 import numpy as np
 import pytest
 from support.alone import alone
@@ -94,3 +96,33 @@ def test_entries_are_gathered_from_rows_and_columns(library) -> None:
     pointers = [ctypes.c_void_p(x.ctypes.data) for x in (rows, columns, matrix, entries)]
     functions.gathered(count, *pointers[:2], width, *pointers[2:])
     assert entries.tolist() == [0, 9, 5, -1]
+
+
+@functools.cache
+def tangents(real: type[np.floating]) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers, whole blocks of them, and their arctangents by mpmath: hard ones, tiny and large."""
+    rng = np.random.default_rng(4)
+    edges = [math.sqrt(2) - 1, 1.0, math.sqrt(2) + 1]
+    near = [edge * (1 + k * float(np.finfo(real).eps)) for edge in edges for k in range(-8, 9)]
+    exponents = rng.uniform(-35, 35, 200)
+    parts = near, rng.uniform(0, 1, 1000), rng.uniform(1, 5, 300), 10.0**exponents, [0.0] * 9
+    x = np.concatenate(parts).astype(real)
+    x = np.stack([x, -x], axis=1).reshape(-1)
+    x = x[: len(x) // 16 * 16]
+    with mpmath.workdps(40):
+        return x, np.array([mpmath.atan(float(value)) for value in x])
+
+
+def test_arctangents_are_true_in_blocks_as_alone(library) -> None:
+    """To two units in the last place; the signs of zeros and the bits of both forms count."""
+    functions, real = library
+    x, true = tangents(real)
+    alone, beside = np.empty_like(x), np.empty_like(x)
+    for i in range(len(x)):
+        call(functions.arctangent_of, x[i : i + 1], alone[i : i + 1])
+    call(functions.arctangents, len(x), x, beside)
+    for ours in (alone, beside):
+        assert (np.signbit(ours) == np.signbit(x)).all()
+        errors = [float(abs(float(y) - t)) for y, t in zip(ours, true, strict=True)]
+        assert (errors <= 2 * np.spacing(np.abs(true.astype(real)))).all()
+    assert alone.tobytes() == beside.tobytes()

@@ -49,7 +49,7 @@ ARRAYS, MACHINE = (
 # The other templates are declarations and text, and so are the other files of `emitted`.
 TEMPLATES = (
     *("c_source.c.jinja", "c_batch.c.jinja", "c_each.c.jinja", "numpy_module.py.jinja"),
-    *("blocks.c", "exactness.c", "gather.c", "platform.c"),
+    *("arctangent.c", "blocks.c", "exactness.c", "gather.c", "platform.c"),
     *("sine_cosine.c", "sine_cosine_kernel.c"),
 )
 # Functions that stand in every MATLAB package.
@@ -270,6 +270,7 @@ _QUICK = {
     "runtime.kernels": _QUICK_SYMBOLS,
     "runtime.casadi_backend": _QUICK_SYMBOLS,
     "runtime.jax_backend": _QUICK_JAX,
+    "arctangent.c": _QUICK_BLOCKS,
     "blocks.c": _QUICK_BLOCKS,
     "gather.c": _QUICK_BLOCKS,
     "exactness.c": _QUICK_BLOCKS,
@@ -321,6 +322,7 @@ _REST = {
     "c_source.c.jinja": _IN_C,
     "c_batch.c.jinja": _IN_C,
     "c_each.c.jinja": ("tests/targets/test_each.py",),
+    "arctangent.c": (*_IN_C, "tests/emitted/test_blocks.py"),
     "blocks.c": _IN_C,
     "gather.c": ("tests/targets/test_sparse.py",),
     "exactness.c": _IN_C,
