@@ -90,6 +90,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.robot.file import parse_robot as parse_robot
     from gibbs_codegen.robot.file import read_robot as read_robot
     from gibbs_codegen.robot.reach import ReachableWrenches as ReachableWrenches
+    from gibbs_codegen.runtime.acados import acados_model as acados_model
     from gibbs_codegen.runtime.load import load as load
     from gibbs_codegen.runtime.program_blocks import compile_program as compile_program
     from gibbs_codegen.runtime.program_blocks import differentiable as differentiable
@@ -138,6 +139,7 @@ _MODULES = {
     "robot.family": ("paper_family",),
     "robot.file": ("parse_robot", "read_robot"),
     "robot.reach": ("ReachableWrenches",),
+    "runtime.acados": ("acados_model",),
     "runtime.load": ("load",),
     "runtime.program_blocks": ("compile_program", "differentiable"),
     "runtime.rollouts": ("Feedback", "Rollout"),

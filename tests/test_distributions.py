@@ -36,8 +36,8 @@ print(sys.modules[type(function).__module__].__file__)
 # All of a wheel but the modules, which are those of the layers.
 DATA = """
     py.typed
-    emitted/adaptive.c emitted/allocation.c emitted/arctangent.c emitted/blocks.c
-    emitted/constants.c
+    emitted/acados.c emitted/adaptive.c emitted/allocation.c emitted/arctangent.c
+    emitted/blocks.c emitted/constants.c
     emitted/curves.c emitted/engine.c emitted/exactness.c emitted/fixed.c emitted/flight.c
     emitted/flow.c emitted/fmi_both.c emitted/fmi2.c
     emitted/fmi3.c emitted/fmu.c emitted/gather.c emitted/horizon.c

@@ -48,7 +48,7 @@ from gibbs_codegen.arrays.nodes import (
 from gibbs_codegen.machine.contact import FIGURES, Touch
 from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Machine, Surroundings
 from gibbs_codegen.machine.state import State
-from gibbs_codegen.machine.steps import runge_kutta_4
+from gibbs_codegen.machine.steps import runge_kutta_4, trapezoidal
 
 # Least time constant, s, of a motor that lags: faster ones follow at once.
 _LEAST_LAG = 1e-6
@@ -345,12 +345,8 @@ class Horizon:
             inputs = machine.inputs(state._replace(q=ahead), u)
             return machine.rates(time, state, inputs, u).a
 
-        if self.method == "rk4":
-            q_next, v_next = runge_kutta_4(robot.integrate, accelerate, q, v, h)
-        else:
-            # Exact where accelerations are constant, and as stable as semi-implicit Euler's.
-            v_next = v + h * accelerate(q, v, 0)
-            q_next = robot.integrate(q, 0.5 * h * (v + v_next))
+        take = runge_kutta_4 if self.method == "rk4" else trapezoidal
+        q_next, v_next = take(robot.integrate, accelerate, q, v, h)
         outputs |= {"q_next": q_next, "v_next": v_next}
         if self.changes:
             outputs["before_next"] = u

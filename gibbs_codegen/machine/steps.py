@@ -47,6 +47,12 @@ def runge_kutta_4(move: Move, accelerate: Accelerate, q: Node, v: Node, h: Node)
     return q_next, v + sixth * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
 
 
+def trapezoidal(move: Move, accelerate: Accelerate, q: Node, v: Node, h: Node) -> State:
+    """Exact where accelerations are constant, and as stable as the semi-implicit Euler method."""
+    v_next = v + h * accelerate(q, v, 0)
+    return move(q, 0.5 * h * (v + v_next)), v_next
+
+
 def classical_step(rate: Callable[[Node, int], Node], x: Node, h: Node) -> Node:
     """The state after h by the classical method of Runge and Kutta.
 

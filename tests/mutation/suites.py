@@ -34,7 +34,7 @@ EMISSION = (
     *_in("targets.c", "target function sparse statements laws"),
     *_in("targets.matlab", "target statements"),
     *_in("targets.numpy", "target statements"),
-    *_in("runtime", "kernels casadi_backend jax_backend"),
+    *_in("runtime", "kernels casadi_backend jax_backend acados"),
     "emitted.evaluation",
     "emitted.preparation",
 )
@@ -231,6 +231,7 @@ _QUICK_ARRAYS = (
     )
     | _of_arrays("autopilot first_order predictive rollout_steps steps", "systems.py")
 )
+_QUICK_ACADOS = ("tests/runtime/test_acados.py",)
 _QUICK_SYMBOLS = ("tests/runtime/test_casadi_backend.py",)
 _QUICK_JAX = ("tests/runtime/test_jax_backend.py",)
 _QUICK_BLOCKS = ("tests/emitted/test_blocks.py", *_QUICK_EMISSION)
@@ -269,6 +270,8 @@ _QUICK = {
     "targets.c.laws": ("tests/targets/test_laws.py",),
     "runtime.kernels": _QUICK_SYMBOLS,
     "runtime.casadi_backend": _QUICK_SYMBOLS,
+    "runtime.acados": _QUICK_ACADOS,
+    "machine.transition": _QUICK_ACADOS,
     "runtime.jax_backend": _QUICK_JAX,
     "arctangent.c": _QUICK_BLOCKS,
     "blocks.c": _QUICK_BLOCKS,
