@@ -88,7 +88,8 @@ def rollout_inputs(robot: Functions, parts: Parts) -> dict[str, Node]:
         variables += [robot.coordinates("desired_q"), robot.velocities("desired_v")]
         variables += [variable("desired_x", states)] if states else []
     if parts.limits:
-        variables += [variable(name, inputs, uniform=True) for name in ("least", "most")]
+        alike = parts.inner is None
+        variables += [variable(name, inputs, uniform=alike) for name in ("least", "most")]
     if parts.lag and sent(robot) == "u":
         variables += [variable("lag", 3, robot.rotors)]
     if parts.around.pushes:
@@ -206,6 +207,17 @@ def decision_program(
         outputs = step.results(*first, x, *rest)
         x = outputs["x_next"]
     return Program(name, step.inputs, outputs)
+
+
+def contact_program(robot: Functions, parts: Parts) -> Program:
+    """The `wrenches` (f, 6) of contacts on the frames: of q, v and bristles."""
+    machine = Machine(robot, _figures(parts, {}, 0), parts.around)
+    bristles = variable("bristles", machine.layout().bristles)
+    (q, v), none = robot.state(), zeros(0)
+    state = State(q, v, none, none, none, bristles)
+    outputs = {"wrenches": machine.contact_wrenches(machine.touches(state))}
+    inputs = (q, v, bristles) if bristles.size else (q, v)
+    return Program("contacts", inputs, outputs)
 
 
 def _figures(parts: Parts, nodes: dict[str, Node], halves: int) -> Callable[..., Node]:

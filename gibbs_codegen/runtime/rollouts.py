@@ -29,7 +29,14 @@ from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.machine.contact import bristles_of
 from gibbs_codegen.machine.inner_loop import InnerLoop
 from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Surroundings
-from gibbs_codegen.machine.rollout_steps import ALL, Parts, rollout_inputs, rollout_step, sent
+from gibbs_codegen.machine.rollout_steps import (
+    ALL,
+    Parts,
+    contact_program,
+    rollout_inputs,
+    rollout_step,
+    sent,
+)
 from gibbs_codegen.machine.steps import METHODS
 from gibbs_codegen.runtime.c_backend import Pool, default_constants
 from gibbs_codegen.runtime.c_library import Compiler, chosen_compiler
@@ -73,9 +80,10 @@ class Feedback:
 class MotorModel:
     """Limits and lag of commanded inputs.
 
-    They are brought within `least` and `most` (nu). Thrusts then follow them with the
-    `time_constants` (1 or n, rotors), s, of which 0 is no lag: over a step, in which commands are
-    held, they are u + (F - u) exp(-t / T), from `thrusts` (1 or n, rotors), N, at the start.
+    They are brought within `least` and `most` (nu), or (n, nu) of an inner loop. Thrusts then
+    follow them with the `time_constants` (1 or n, rotors), s, of which 0 is no lag: over a step, in
+    which commands are held, they are u + (F - u) exp(-t / T), from `thrusts` (1 or n, rotors), N,
+    at the start.
     Semi-implicit Euler applies the thrust at the start of a step, Runge and Kutta's method those at
     its stages.
     """
@@ -131,12 +139,17 @@ class Problem:
         return Parts(
             self.feedback is not None,
             motors is not None and bool(np.isfinite([motors.least, motors.most]).any()),
-            motors is not None and _may_lag(motors.time_constants),
+            motors is not None and (_may_lag(motors.time_constants) or self._tells_thrusts),
             self.bounds is not None,
             replace(self.around, pushes=self.wrenches is not None),
             self.figures,
             self.inner,
         )
+
+    @property
+    def _tells_thrusts(self) -> bool:
+        """True where nothing else tells thrusts: of an inner loop, without commands of motors."""
+        return self.inner is not None and functions_of(self.module).lagging > 0
 
     @property
     def strains(self) -> int:
@@ -313,6 +326,22 @@ def program_of(module: ModuleType, method: Method, parts: Parts) -> Program:
     return rollout_step(functions_of(module), method, parts)
 
 
+@functools.lru_cache(maxsize=64)
+def _contacts(module: ModuleType, parts: Parts) -> Evaluator:
+    program = contact_program(functions_of(module), parts)
+    return Evaluator(program, {"robot": module})
+
+
+def touching(problem: Problem) -> Array:
+    """Wrenches (n, frames, 6) of contacts on the frames where a problem begins, N and N m."""
+    state = {"q": problem.q, "v": problem.v}
+    if problem.bristles is not None:
+        state["bristles"] = problem.bristles
+    evaluator = _contacts(problem.module, problem.parts)
+    found: Array = evaluator(state, {"robot": problem.constants})["wrenches"]
+    return found
+
+
 def _may_lag(time_constants: Any) -> bool:
     """True if any is not 0; those that JAX traces may be."""
     try:
@@ -341,7 +370,10 @@ def _given(problem: Problem, parts: Parts, xp: Any) -> dict[str, Any]:
         inputs |= {"desired_q": feedback.q, "desired_v": feedback.v}
         inputs["desired_x"] = xp.zeros((1, 1, states)) if feedback.x is None else feedback.x
     if (motors := problem.motors) is not None:
-        inputs |= {"least": motors.least, "most": motors.most}
+        ends = {"least": motors.least, "most": motors.most}
+        inputs |= {
+            name: np.atleast_2d(x)[:, None] if problem.inner else x for name, x in ends.items()
+        }
         lag = motors.time_constants[:, None, None]
         times = -problem.dt * xp.asarray([[0.0], [0.5], [1.0]])
         decay = xp.exp(times / xp.where(lag > 0.0, lag, 1.0))

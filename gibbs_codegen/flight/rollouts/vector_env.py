@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 import operator
 import os
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from numbers import Real
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import ModuleType
 from typing import Any, SupportsIndex, cast
 
@@ -18,13 +17,27 @@ from gibbs_codegen.errors import UsageError, printable, require
 from gibbs_codegen.flight.arguments import numbers, seconds, whole
 from gibbs_codegen.flight.plant.actuators import kept_commands, module_actuators
 from gibbs_codegen.flight.plant.vehicle import Flags, Vehicle
+from gibbs_codegen.flight.rollouts.actions import Actions
 from gibbs_codegen.flight.rollouts.arguments import RolloutArguments
+from gibbs_codegen.flight.rollouts.episodes import Between, Episodes
 from gibbs_codegen.flight.rollouts.rollout import array_rollout, check_settings, warn_of_long_steps
+from gibbs_codegen.flight.rollouts.sensing import SENSED, Sensors
 from gibbs_codegen.flight.rollouts.surroundings import rollout_surroundings
+from gibbs_codegen.flight.rollouts.tasks import TASKS, Ending, Measure, Moment, Task, is_lost
 from gibbs_codegen.flight.scenario.file import AnyScenario
+from gibbs_codegen.flight.scenario.parts import Control
 from gibbs_codegen.flight.scenario.walls import Wall
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.runtime.rollouts import RUNNING, Array, Method, MotorModel, Precision, Problem
+from gibbs_codegen.runtime.rollouts import (
+    RUNNING,
+    Array,
+    Method,
+    MotorModel,
+    Precision,
+    Problem,
+    Steps,
+    touching,
+)
 
 require("gymnasium", "VectorEnv")
 
@@ -35,113 +48,22 @@ from gymnasium.utils import seeding  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 from gymnasium.vector.utils import batch_space  # noqa: E402
 
-# How far from where it is to hover a machine may get, m, and its base may turn, rad.
-_FARTHEST, _STEEPEST = 3.0, 1.4
-# Weight of rates in the reward, s².
-_RATES = 0.1
 Observations = NDArray[np.float32]
 Infos = dict[str, Any]
-# The possible parts of an observation.
 _GREATEST_SINGLE = float(np.finfo(np.float32).max)
-
-
-@dataclass(frozen=True)
-class Moment:
-    """The state of n environments after a decision, or at the start of an episode.
-
-    - `time` (n): since the start of the episode, s
-    - `q` (n, nq), `v` (n, nv): coordinates and velocities
-    - `away` (n, nv): displacement from the coordinates that are wanted, as the module's
-      `difference` tells it: m and rad, of a quaternion the rotation vector
-    - `inputs` (n, nu): what is commanded, N, then N m or N of the joints; or commands of motors and
-      servos, where the robot file describes actuators
-    - `thrusts` (n, rotors): what the motors give, N
-    - `x` (n, nx): states of the actuators that the robot file describes, if they have any
-    - `base_rotation`, `base_position`: where attitude and position of the base are in `away`
-    """
-
-    time: Array
-    q: Array
-    v: Array
-    away: Array
-    inputs: Array
-    thrusts: Array
-    base_rotation: slice
-    base_position: slice
-    x: Array | None = None
-
-
-Measure = Callable[[Moment], Array]
-Ending = Callable[[Moment], Flags]
-
-
-def nearness(now: Moment) -> Array:
-    """Reward (n) of hovering: 1 at rest where the machine is wanted, less elsewhere, above 0."""
-    squares = (now.away**2).sum(axis=1) + _RATES * (now.v**2).sum(axis=1)
-    return 1.0 / (1.0 + squares)
-
-
-def is_lost(now: Moment) -> Flags:
-    """True (n) for a base that is 3 m from its desired place, or has turned by 1.4 rad."""
-    far = np.linalg.norm(now.away[:, now.base_position], axis=1) > _FARTHEST
-    turned = np.linalg.norm(now.away[:, now.base_rotation], axis=1) > _STEEPEST
-    return far | turned
-
-
-def away_and_rates(now: Moment) -> Array:
-    """Observation (n, 2 nv) of hovering: the displacement, and the velocities."""
-    return np.concatenate([now.away, now.v], axis=1)
-
-
-class EpisodeDistributions:
-    """Values by name: numbers, or distributions that they are drawn from.
-
-    A distribution is whatever has a method `ppf` as those of `scipy.stats` have: the value that a
-    share between 0 and 1 of all values is below. If it is `relative`, as `scaled` makes it, values
-    are factors of those `known`. Raises `UsageError`, which calls them `what`, for a name that is
-    not known, and for what is no number and no distribution.
-    """
-
-    def __init__(self, values: Mapping[str, Any], usual: Mapping[str, float], what: str) -> None:
-        if not isinstance(values, Mapping):
-            raise UsageError(f"{what}: values by name, not {printable(values)}")
-        self.what, self.values = what, dict(values)
-        self.drawn = [name for name, value in values.items() if hasattr(value, "ppf")]
-        self.factors = dict.fromkeys(values, 1.0)
-        for name, value in values.items():
-            if name not in usual:
-                raise UsageError(f"{what}: {printable(name)}: unknown; known: {', '.join(usual)}")
-            if name not in self.drawn and not (isinstance(value, Real) and math.isfinite(value)):
-                raise UsageError(
-                    f"{what}: {name}: a finite number or a distribution, such as "
-                    f"uniform(0.8, 1.2), not {printable(value)}"
-                )
-            if getattr(value, "relative", False):
-                self.factors[name] = usual[name]
-                if not usual[name]:
-                    raise UsageError(f"{what}: {name}: factors of 0 are 0; give values")
-
-    def __call__(self, shares: Array) -> dict[str, Array]:
-        """Values (m) by name, of shares (m, number of drawn values) between 0 and 1.
-
-        Raises `UsageError` if a distribution gives what is not finite.
-        """
-        columns, values = dict(zip(self.drawn, shares.T, strict=True)), {}
-        for name, value in self.values.items():
-            one = value.ppf(columns[name]) if name in columns else np.full(len(shares), value)
-            values[name] = self.factors[name] * np.asarray(one, dtype=np.float64)
-            if not np.all(np.isfinite(values[name])):
-                raise UsageError(f"{self.what}: {name}: its distribution gives no finite number")
-        return values
+# Greatest rates of targets that swing, rad/s, and the force of a push, N, if nothing is said.
+_SWINGING, _FORCE = Between(0.3, 1.5), 5.0
 
 
 class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
-    """Machines of one robot that are to hover, or to do what rewards of your own ask for.
+    """Machines of one robot that are to do a task, or what rewards of your own ask for.
 
     Actions are the inputs of the robot, either as they are, in N and N m, or, `normalised`, between
     −1 for the least and 1 for the greatest. Where the robot file describes actuators, they are
-    commands, and limits and lag are theirs. `parameters` (n), by name, are those of the episodes
-    that are under way.
+    commands, and limits and lag are theirs. Other actions go to an inner loop, which is evaluated
+    at every step, and knows the robot as the robot file does. `parameters` (n), by name, are those
+    of the episodes that are under way; `actions` are the names of an action's entries, `data` is
+    for users.
 
     Args:
         robot: A generated module with the back end "c" or "numpy", or the name or path of one,
@@ -152,6 +74,23 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             which an episode begins, by names of the module's `VELOCITIES`; zero if left out. They
             are numbers, or distributions that every episode draws from, such as
             `gibbs_codegen.uniform(-1, 1)` or those of `scipy.stats`.
+        action, joints: What actions ask of the base or the tip, "inputs", "rates", "attitude",
+            "velocity" or "tip", and of the joints, "position", "velocity" or "torque".
+        ranges: The greatest values of entries of actions by their names, or the least and the
+            greatest ones; others are those of the documentation, and of limits of joints.
+        control: Frequencies of the inner loop, as a scenario has them; None for its defaults.
+        task: "hover", "reach", "track" or "push".
+        targets: Displacements of what is wanted from `hover`, as `offsets`; and "force", N, of a
+            push. None for those of the task.
+        swings, swing_rates: Amplitudes of targets that move, as `offsets`, None for those of the
+            task, and rad/s of each; they begin anywhere in their period.
+        disturbances: As `offsets`, of each episode: "time_constant" of all motors, s, in the place
+            of `time_constants`; "strength", a factor of the greatest thrusts; "wind_x" and the
+            others, m/s, in the place of those of the surroundings; "base_x" and others of frames,
+            forces on them, N, world axes.
+        sensors: As `offsets`, standard deviations of what is observed: "position", m, "attitude",
+            rad, "joints", "velocity", "angular_velocity", "joint_rates"; and "delay", s, which is
+            rounded up to whole decisions.
         parameters: Numbers or distributions, by names of the module's `PARAMETERS`.
         limits: Least and greatest inputs, each a number or (nu), N and N m; None for those of the
             robot file.
@@ -164,10 +103,11 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             by the parameters of the file.
         surroundings, wind, payloads: What acts, as of `rollout`, by the time of each episode.
         reward, terminated, observe: Functions of a `Moment` that give rewards (n), whether episodes
-            end (n), and observations (n, m).
+            end (n), and observations (n, m); None for those of the task.
         normalised: Whether actions are between −1 and 1.
         autoreset_mode: When an environment begins its next episode.
         precision, threads: "double" or "single", and how many threads share the environments.
+        tensors: Whether observations, rewards and flags are tensors of PyTorch.
 
     Raises:
         UsageError: If something does not fit the robot.
@@ -181,6 +121,16 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         hover: ArrayLike | None = None,
         offsets: Mapping[str, Any] | None = None,
         rates: Mapping[str, Any] | None = None,
+        action: str = "inputs",
+        joints: str = "position",
+        ranges: Mapping[str, Any] | None = None,
+        control: Control | None = None,
+        task: str = "hover",
+        targets: Mapping[str, Any] | None = None,
+        swings: Mapping[str, Any] | None = None,
+        swing_rates: Any = _SWINGING,
+        disturbances: Mapping[str, Any] | None = None,
+        sensors: Mapping[str, Any] | None = None,
         parameters: Mapping[str, Any] | None = None,
         limits: tuple[ArrayLike, ArrayLike] | None = None,
         time_constants: ArrayLike | None = None,
@@ -193,13 +143,14 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         surroundings: AnyScenario | None = None,
         wind: ArrayLike | None = None,
         payloads: ArrayLike | None = None,
-        reward: Measure = nearness,
+        reward: Measure | None = None,
         terminated: Ending = is_lost,
-        observe: Measure = away_and_rates,
+        observe: Measure | None = None,
         normalised: bool = True,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         precision: Precision = "double",
         threads: int = 1,
+        tensors: bool = False,
     ) -> None:
         module = robot if isinstance(robot, ModuleType) else load(robot, "c")
         self.num_envs = whole("num_envs", num_envs)
@@ -222,7 +173,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             lag = actuators.lag if time_constants is None else time_constants
             motors = arguments.motors(ends, lag, None)
         self._motors = motors = cast(MotorModel, motors)
-        self._limits = np.stack([motors.least, motors.most])
+        # Of all episodes, and of those that are under way.
+        self._limits = self._ends = np.stack([motors.least, motors.most])
         if arguments.count() != 1:
             raise UsageError("hover, time_constants: they are the same for all environments")
         [self._hover] = arguments.normalised("hover", hovers)
@@ -236,6 +188,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         self._holding, self._resting = np.clip(inputs, *self._limits), x
         thrusts = np.tile(self._holding[: vehicle.rotors], (self.num_envs, 1))
         self._motors = replace(motors, thrusts=thrusts)
+        kinds, chosen = (action, joints), Control() if control is None else control
+        self._actions = Actions.of(vehicle, kinds, self._limits, chosen, ranges or {}, self._hover)
+        self.actions = self._actions.names
         # The surroundings of the machines, and the problem of a decision.
         hovering, varied = self._hover[np.newaxis], (wind, payloads)
         self._surrounded = rollout_surroundings(
@@ -258,23 +213,48 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             x=np.tile(x, (self.num_envs, 1)) if len(x) else None,
             around=self._surrounded.around,
             figures=self._surrounded.figures,
+            inner=self._actions.loop,
         )
+        if self._actions.loop:
+            self._now = replace(self._now, inputs=np.zeros((self.num_envs, 1, len(self.actions))))
         if strains := self._now.strains:
             self._now = replace(self._now, bristles=np.zeros((self.num_envs, strains)))
         self._decisions = np.zeros(self.num_envs, dtype=np.int64)
         self._parameters: dict[str, Array] = {}
+        chosen_task = self._task(task)
+        self._reward, self._observe = reward or chosen_task.reward, observe or chosen_task.observe
+        self._terminated = terminated
         zero = dict.fromkeys(module.VELOCITIES, 0.0)
-        self._distributions = (
-            EpisodeDistributions(offsets or {}, zero, "offsets"),
-            EpisodeDistributions(rates or {}, zero, "rates"),
-            EpisodeDistributions(parameters or {}, module.PARAMETERS, "parameters"),
+        moving = self._spread(chosen_task.swing) if swings is None else swings
+        wanted = self._spread(chosen_task.spread) if targets is None else targets
+        self._episodes = Episodes(
+            self.num_envs,
+            {
+                "offsets": (offsets or {}, zero),
+                "rates": (rates or {}, zero),
+                "parameters": (parameters or {}, module.PARAMETERS),
+                "targets": (wanted, zero | {"force": _FORCE}),
+                "swings": (moving, zero),
+                "swing_rates": (dict.fromkeys(moving, swing_rates), zero),
+                "phases": (dict.fromkeys(moving, Between(0.0, 2.0 * math.pi)), zero),
+                "disturbances": (disturbances or {}, self._usual()),
+                "sensors": (
+                    sensors or {},
+                    dict.fromkeys(SENSED, 0.0),
+                ),
+            },
         )
-        self._reward, self._terminated, self._observe = reward, terminated, observe
+        sensed = self._episodes.values["sensors"]
+        self._sensors = Sensors(vehicle, sensed, self.num_envs, steps * dt) if sensed else None
+        self.data: dict[str, Any] = {}
+        self._tensors = tensors
+        if tensors:
+            require("torch", "tensors=True")
         # Decisions after which an episode is truncated, less what rounding may have added.
         self._most = math.inf
         if duration is not None:
             self._most = seconds("duration", duration) / (steps * dt) - 1e-6
-        self._mode = _mode(autoreset_mode)
+        self._mode, self._pushes = _mode(autoreset_mode), cast(Array | None, None)
         self._generators: list[np.random.Generator] = []
         self._seeds: list[int] = []
         self._over = np.zeros(self.num_envs, dtype=np.bool_)
@@ -287,14 +267,15 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             if not callable(getattr(self, f"_{name}")):
                 raise UsageError(f"{name}: must be a function of a Moment")
         self.metadata = {"autoreset_mode": self._mode, "render_modes": []}
-        unlimited = ~np.isfinite(self._limits).all(axis=0)
+        ranges = self._actions.ranges
+        unlimited = ~np.isfinite(ranges).all(axis=0)
         if normalised and unlimited.any():
-            names = ", ".join(np.array(self._vehicle.commands)[unlimited])
+            names, inner = ", ".join(np.array(self.actions)[unlimited]), self._actions.loop
             raise UsageError(
                 f"limits: {names}: without limits, so that actions between -1 and 1 mean nothing; "
-                "give limits=(least, most), or normalised=False"
+                f"give {'ranges by name' if inner else 'limits=(least, most)'}, or normalised=False"
             )
-        ends = np.ones_like(self._limits) * [[-1.0], [1.0]] if normalised else self._limits
+        ends = np.ones_like(ranges) * [[-1.0], [1.0]] if normalised else ranges
         observed = np.shape(self._observe(self._moment()))
         if len(observed) != 2 or observed[0] != self.num_envs:
             raise UsageError(f"observe: an array ({self.num_envs}, m), not of shape {observed}")
@@ -307,6 +288,17 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
     def parameters(self) -> dict[str, Array]:
         """Parameters (n) of the episodes that are under way, by name."""
         return {name: values.copy() for name, values in self._parameters.items()}
+
+    @property
+    def episodes(self) -> dict[str, dict[str, Array]]:
+        """Values (n) that the episodes that are under way have drawn: by arguments, and by names.
+
+        `phases`, rad, are of the swings.
+        """
+        return {
+            what: {name: x.copy() for name, x in values.items()}
+            for what, values in self._episodes.values.items()
+        }
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
@@ -348,7 +340,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             raise UsageError("reset_mask: the first reset must begin episodes everywhere")
         self._seed(seed, rows)
         self._begin(rows)
-        return self._observed(self._moment()), {}
+        [observations] = self._told(self._observed(self._moment()))
+        return observations, {}
 
     def step(self, actions: ArrayLike) -> tuple[Observations, Array, Flags, Flags, Infos]:
         """Take a decision in every environment.
@@ -375,7 +368,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             )
         ended = self._advance(self._inputs(actions))
         now = self._moment()
-        rewards = self._values_of("reward", self._reward, now).astype(np.float64)
+        rewards = self.rewards(now)
         terminations = self._values_of("terminated", self._terminated, now).astype(np.bool_)
         terminations |= ended != RUNNING
         truncations = self._decisions >= self._most
@@ -393,7 +386,16 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             infos |= {"final_obs": _rows(observations, over), "_final_obs": over.copy()}
             self._begin(over)
             observations = self._observed(self._moment())
-        return observations, rewards, terminations, truncations, infos
+        told = self._told(observations, rewards, terminations, truncations)
+        return *told, infos
+
+    def _told(self, *arrays: NDArray[Any]) -> tuple[Any, ...]:
+        """What callers get: arrays, or tensors in their memory."""
+        if not self._tensors:
+            return arrays
+        import torch
+
+        return tuple(map(torch.from_numpy, arrays))
 
     def _seed(self, seed: int | Sequence[int | None] | None, rows: Flags) -> None:
         """Give environments `rows` (n) their random numbers, and all before the first episodes.
@@ -418,26 +420,24 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
 
     def _begin(self, rows: Flags) -> None:
         """Begin episodes in some of the environments (n)."""
-        chosen = [self._generators[i] for i in np.flatnonzero(rows)]
-        ends = np.cumsum([len(distributions.drawn) for distributions in self._distributions])
-        shares = np.array([generator.random(ends[-1]) for generator in chosen])
-        columns = np.split(shares, ends[:-1], axis=1)
-        offsets, rates, parameters = (
-            draw(column) for draw, column in zip(self._distributions, columns, strict=True)
-        )
-        now, zero, names = self._now, np.zeros(len(chosen)), self._vehicle.module.VELOCITIES
+        drawn = self._episodes.draw(rows, self._generators)
+        now, parameters = self._now, drawn["parameters"]
         away, v = (
-            np.stack([values.get(name, zero) for name in names], axis=1)
-            for values in (offsets, rates)
+            self._episodes.table(what, self._vehicle.module.VELOCITIES)[rows]
+            for what in ("offsets", "rates")
         )
         now.q[rows] = self._vehicle.integrate(self._hover, away)
-        now.v[rows], now.inputs[rows] = v, self._holding
+        now.v[rows] = v
+        now.inputs[rows] = 0.0 if self._actions.loop else self._holding
         self._motors.thrusts[rows] = self._holding[: self._vehicle.rotors]
         if now.x is not None:
             now.x[rows] = self._resting
         if now.bristles is not None:
             now.bristles[rows] = 0.0
         self._decisions[rows], self._over = 0, self._over & ~rows
+        self._disturb()
+        if self._sensors:
+            self._sensors.begin(now.q, now.v, rows, self._generators)
         for name, values in parameters.items():  # The first time they are for all.
             self._parameters.setdefault(name, np.empty(self.num_envs))[rows] = values
         prepare = self._vehicle.module.prepare
@@ -451,54 +451,181 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
 
     def _advance(self, inputs: Array) -> NDArray[np.int8]:
         """Fly all through a decision of inputs (n, nu): why each has ended (n), as of `Rollout`."""
-        commanded = np.clip(inputs, *self._limits)
-        now, begin = replace(self._now, inputs=commanded[:, np.newaxis]), self._time()
-        loads = self._surrounded.at(begin, now.steps, now.dt)
-        now = replace(now, wrenches=loads.pop("wrenches", None), loads=loads)
-        flown = array_rollout(replace(now, motors=self._motors), self._threads)
-        last = (
-            commanded[:, : self._vehicle.rotors] if flown.thrusts is None else flown.thrusts[:, -1]
-        )
+        asked = inputs
+        if self._actions.loop is None:
+            asked = np.clip(inputs, *self._ends)
+        flown = array_rollout(self._decided(asked), self._threads)
+        last = asked[:, : self._vehicle.rotors] if flown.thrusts is None else flown.thrusts[:, -1]
         self._motors = replace(self._motors, thrusts=last.copy())
         x, bristles = (
             None if part is None else part[:, -1].copy() for part in (flown.x, flown.bristles)
         )
         q, v = flown.q[:, -1].copy(), flown.v[:, -1].copy()
-        self._now = replace(now, q=q, v=v, x=x, bristles=bristles)
+        self._now = replace(
+            self._now, q=q, v=v, x=x, bristles=bristles, inputs=asked[:, np.newaxis]
+        )
         self._decisions += 1
+        if self._sensors:
+            self._sensors.after(q, v, ~self._over, self._generators)
         return flown.ended
+
+    def _decided(self, asked: Array) -> Problem:
+        """The problem of the next decision, of inputs or actions (n, na)."""
+        now = self._now
+        loads = self._surrounded.at(self._time(), now.steps, now.dt)
+        wrenches = loads.pop("wrenches", None)
+        if self._pushes is not None:
+            wrenches = self._pushes if wrenches is None else wrenches + self._pushes
+        if now.inner:
+            loads |= {**self._actions.loads, "target": self._target()[0][:, np.newaxis]}
+        commanded = replace(now, inputs=asked[:, np.newaxis], motors=self._motors)
+        return replace(commanded, wrenches=wrenches, loads=loads)
+
+    def _task(self, name: str) -> Task:
+        """The task of a name; raises `UsageError` for another, and for what it lacks."""
+        if name not in TASKS:
+            raise UsageError(f"task: one of {', '.join(TASKS)}, not {printable(name)}")
+        there = {"tip": self._vehicle.has_tip, "walls": bool(self._now.around.contacts)}
+        for need in TASKS[name].needs:
+            if not there[need]:
+                raise UsageError(f"task: {name} needs {need}: {self._vehicle.name} has none here")
+        return TASKS[name]
+
+    def _spread(self, size: float) -> dict[str, Any]:
+        """Distributions of displacements of position and joints by so much, m and rad."""
+        names, places = self._vehicle.module.VELOCITIES, self._vehicle.layout.v
+        moved = (*names[places.position], *names[places.joints])
+        return dict.fromkeys(moved, Between(-size, size)) if size else {}
+
+    def _usual(self) -> dict[str, float]:
+        """Values of disturbances if nothing is said."""
+        usual = {f"{frame}_{axis}": 0.0 for frame in self._vehicle.frames for axis in "xyz"}
+        if self._vehicle.rotors:
+            usual["strength"] = 1.0
+            if not self._driven:
+                usual["time_constant"] = float(np.mean(self._motors.time_constants))
+        if self._surrounded.wind is not None:
+            steady = np.mean(self._surrounded.wind, axis=0)
+            usual |= {f"wind_{axis}": float(x) for axis, x in zip("xyz", steady, strict=True)}
+        return usual
+
+    def _disturb(self) -> None:
+        """Give the machines the disturbances of their episodes."""
+        values, rotors = self._episodes.values["disturbances"], self._vehicle.rotors
+        if "time_constant" in values:
+            lag = np.repeat(values["time_constant"][:, np.newaxis], rotors, axis=1)
+            self._motors = replace(self._motors, time_constants=np.maximum(lag, 0.0))
+        if "strength" in values:
+            most = np.tile(self._limits[1], (self.num_envs, 1))
+            most[:, :rotors] *= values["strength"][:, np.newaxis]
+            self._ends = np.stack([np.minimum(self._limits[0], most), most])
+            if self._actions.loop:
+                self._motors = replace(self._motors, least=self._ends[0], most=self._ends[1])
+        if winds := [f"wind_{axis}" for axis in "xyz" if f"wind_{axis}" in values]:
+            wind = np.broadcast_to(self._surrounded.wind, (self.num_envs, 3)).copy()
+            for name in winds:
+                wind[:, "xyz".index(name[-1])] = values[name]
+            self._surrounded = replace(self._surrounded, wind=wind)
+        forces = [f"{frame}_{axis}" for frame in self._vehicle.frames for axis in "xyz"]
+        if values.keys() & set(forces):
+            pushes = np.zeros((self.num_envs, 1, len(self._vehicle.frames), 6))
+            table = self._episodes.table("disturbances", forces)
+            pushes[:, 0, :, :3] = table.reshape(self.num_envs, -1, 3)
+            self._pushes = pushes
+
+    def _target(self) -> tuple[Array, Array]:
+        """Coordinates that are wanted (n, nq), and rates of their change (n, nv)."""
+        parts, names = self._episodes, self._vehicle.module.VELOCITIES
+        middle, size, rate, phase = (
+            parts.table(what, names) for what in ("targets", "swings", "swing_rates", "phases")
+        )
+        angle = rate * self._time()[:, np.newaxis] + phase
+        way = middle + size * np.sin(angle)
+        q = self._vehicle.integrate(np.broadcast_to(self._hover, self._now.q.shape), way)
+        return q, size * rate * np.cos(angle)
+
+    def _sensed(self, now: Moment) -> Moment:
+        """A moment with coordinates and velocities as sensors tell them."""
+        assert self._sensors is not None  # noqa: S101 - there are some
+        q, v = self._sensors.read()
+        away = np.asarray(self._vehicle.module.difference(now.target, q))
+        return replace(now, q=q, v=v, away=away, tip_away=self._tip_away(now.target, q))
+
+    def _tip_away(self, target: Array, q: Array) -> Array | None:
+        """The tip at coordinates (n, nq) less that of the target (n, 3), if there is a tip."""
+        if not self._vehicle.has_tip:
+            return None
+        found, wanted = (self._vehicle.tip_pose(x)[:, :3, 3] for x in (q, target))
+        return np.asarray(found - wanted)
 
     def _time(self) -> Array:
         """Lengths of episodes (n), s."""
         return self._decisions * np.float64(self._now.steps * self._now.dt)
 
+    @property
+    def now(self) -> Moment:
+        """The moment: where the machines are, in arrays of its own, without noise and delay."""
+        return self._moment()
+
+    def rewards(self, now: Moment) -> Array:
+        """Rewards of a moment.
+
+        Args:
+            now: The moment, such as `now` of the environments.
+
+        Returns:
+            Rewards (n).
+
+        Raises:
+            UsageError: If the function for them does not give one for each environment.
+        """
+        return self._values_of("reward", self._reward, now).astype(np.float64)
+
     def _moment(self) -> Moment:
-        """The state of the machines, in arrays of its own."""
         now, places, thrusts = self._now, self._vehicle.layout.v, self._motors.thrusts
+        (target, target_v), module = self._target(), self._vehicle.module
         if self._driven:
             x = np.zeros((self.num_envs, 0)) if now.x is None else now.x
-            state = now.q, now.v, x, now.inputs[:, 0]
-            acting = self._vehicle.module.inputs_of(*state, constants=now.constants)
+            command = now.inputs[:, 0]
+            if now.inner:
+                command = Steps(self._decided(command), np).commanded()
+            acting = module.inputs_of(now.q, now.v, x, command, constants=now.constants)
             thrusts = acting[:, : self._vehicle.rotors]
         return Moment(
             self._time(),
             now.q.copy(),
             now.v.copy(),
-            np.asarray(self._vehicle.module.difference(self._hover, now.q)),
+            np.asarray(module.difference(target, now.q)),
             now.inputs[:, 0].copy(),
             thrusts.copy(),
             places.attitude,
             places.position,
             None if now.x is None else now.x.copy(),
+            target,
+            target_v,
+            self._tip_away(target, now.q),
+            self._touch(),
+            self._episodes.values["targets"].get("force", np.full(self.num_envs, _FORCE)),
+            self.data,
         )
+
+    def _touch(self) -> Array:
+        """The force (n, 3) of walls on the tip, N."""
+        around = self._now.around
+        if not (around.contacts and self._vehicle.has_tip):
+            return np.zeros((self.num_envs, 3))
+        wrenches = touching(self._now)
+        return wrenches[:, self._vehicle.frames.index("tip"), :3]
 
     def _inputs(self, actions: ArrayLike) -> Array:
         """Inputs (n, nu) that actions (n, nu) stand for; raises `UsageError`."""
-        least, most = self._limits
+        least, most = self._actions.ranges
         shape = (self.num_envs, len(least))
+        if self._tensors:
+            actions = np.asarray(getattr(actions, "detach", lambda: actions)())
         actions = numbers("actions", actions, f"finite numbers of shape {shape}", shape)
         if not self._normalised:
-            return actions
+            return np.clip(actions, least, most)
         return least + 0.5 * (np.clip(actions, -1.0, 1.0) + 1.0) * (most - least)
 
     def _values_of(self, name: str, function: Measure | Ending, now: Moment) -> NDArray[Any]:
@@ -515,7 +642,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
     def _observed(self, now: Moment) -> Observations:
         """Observations (n, m) of where the environments are."""
         with np.errstate(all="ignore"):
-            observed = self._observe(now)
+            observed = self._observe(self._sensed(now) if self._sensors else now)
         return np.clip(observed, -_GREATEST_SINGLE, _GREATEST_SINGLE).astype(np.float32)
 
 

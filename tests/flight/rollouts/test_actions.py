@@ -57,7 +57,8 @@ def problem(module: ModuleType, kinds: tuple[str, str], **others: Any) -> tuple[
     asked = rng.uniform(-1.0, 1.0, (count, len(actions.names)))
     if kinds[1] == "position" and kinds[0] != "tip":
         asked[:, len(actions.names) - vehicle.joints :] += posture[vehicle.arm]
-    free = MotorModel(*np.tile([[-np.inf], [np.inf]], len(vehicle.inputs)), *np.zeros((2, 1, 1)))
+    at_once = np.zeros((2, 1, vehicle.rotors))
+    free = MotorModel(*np.tile([[-np.inf], [np.inf]], len(vehicle.inputs)), *at_once)
     given = {"steps": 1, "dt": 2e-3, "motors": free, "inner": actions.loop} | others
     loads = {**actions.loads, "target": posture[np.newaxis, np.newaxis]}
     return Problem(module, None, q, v, asked[:, np.newaxis], loads=loads, **given), actions
@@ -130,7 +131,9 @@ def test_decisions_are_steps_of_the_law(fast: Load, case: tuple[str, str, str]) 
     program = decision_program(functions_of(module), given.method, given.parts, given.steps)
     values = {**given.loads, "action": given.inputs[:, 0], "time": 0.0, "h": given.dt}
     values["target"] = given.loads["target"][0]
-    values["x"] = np.concatenate([given.q, given.v], axis=1)
+    values["x"] = np.concatenate([given.q, given.v, np.zeros((3, Vehicle(module).rotors))], axis=1)
+    values["lag"] = np.zeros((3, Vehicle(module).rotors))
     found = compile_program(program, module)(values, {"robot": given.constants})["x_next"]
+    found = found[:, : len(given.q[0]) + len(given.v[0])]
     after = np.concatenate([stepped.q[:, -1], stepped.v[:, -1]], axis=1)
     np.testing.assert_allclose(found, after, atol=1e-11)

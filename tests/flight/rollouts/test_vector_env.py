@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.stats import norm, uniform
 
-from gibbs_codegen import scaled
+from gibbs_codegen import rollout, scaled
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.rollouts.vector_env import Moment, VectorEnv
+from gibbs_codegen.flight.scenario.walls import Plane
 from gibbs_codegen.runtime.rollouts import DIVERGED, OUT_OF_BOUNDS
 
 Array = NDArray[np.float64]
@@ -37,6 +38,19 @@ SETTINGS: dict[str, Any] = {
     "duration": 0.3,
     "dt": 0.005,
     "steps": 4,
+}
+# What is drawn beside that, below an inner loop.
+EVERYTHING: dict[str, Any] = {
+    "action": "rates",
+    "task": "track",
+    "targets": {"vx": uniform(-0.3, 0.6)},
+    "swings": {"vy": 0.2, "vz": uniform(0.0, 0.3)},
+    "disturbances": {
+        "time_constant": uniform(0.01, 0.04),
+        "strength": uniform(0.7, 0.3),
+        "base_x": norm(0.0, 0.5),
+    },
+    "sensors": {"position": 0.02, "angular_velocity": uniform(0.0, 0.1), "delay": 0.03},
 }
 
 
@@ -74,7 +88,7 @@ class One(gymnasium.Env[Any, Any]):
 def test_is_what_gymnasium_makes_of_single_environments(quadrotor: ModuleType, mode: str) -> None:
     """So episodes neither depend on how many environments there are, nor on each other."""
     count = 4
-    settings = {**SETTINGS, "rates": {"wx": uniform(-8.0, 16.0)}}  # Some turn over.
+    settings = {**SETTINGS, **EVERYTHING, "rates": {"wx": uniform(-8.0, 16.0)}}  # Some turn over.
     ours = VectorEnv(quadrotor, count, autoreset_mode=mode, **settings)
     singles = [lambda: One(quadrotor, **settings)] * count
     theirs = SyncVectorEnv(singles, autoreset_mode=AutoresetMode(mode))
@@ -131,6 +145,112 @@ def test_flies_as_the_equations_of_motion_say(quadrotor: ModuleType) -> None:
 
         found = solve_ivp(rates, (0.0, 0.02), start[i], rtol=1e-10, atol=1e-12).y[:, -1]
         np.testing.assert_allclose(after[i], found, atol=3e-6)
+
+
+def test_what_episodes_draw_acts_as_in_rollouts(quadrotor: ModuleType) -> None:
+    """Lag, weaker motors, forces and masses of each episode, as of single rollouts."""
+    drawn = {"disturbances": {**EVERYTHING["disturbances"], "base_z": -1.0}}
+    settings = {**SETTINGS, **drawn, "observe": lambda now: np.concatenate([now.q, now.v], axis=1)}
+    ours = VectorEnv(quadrotor, 3, **settings)
+    ours.reset(seed=2)
+    now = ours.now
+    assert now.begun.all()
+    ours.step(np.full((3, 4), 0.7))
+    values = ours.episodes["disturbances"]
+    for i, strength in enumerate(values["strength"]):
+        wrench = np.zeros((len(quadrotor.FRAMES), 6))
+        wrench[quadrotor.FRAMES.index("base"), :3] = values["base_x"][i], 0.0, -1.0
+        u = np.minimum(6.8, 8.0 * strength)
+        alone = rollout(
+            *(quadrotor, now.q[i], now.v[i], np.full(4, u), 4, 0.005),
+            parameters={name: x[i] for name, x in ours.parameters.items()},
+            wrenches=wrench,
+            time_constants=values["time_constant"][i],
+            thrusts=now.thrusts[i],
+        )
+        np.testing.assert_allclose(ours.now.q[i], alone.q[0, -1], atol=1e-13)
+        np.testing.assert_allclose(ours.now.v[i], alone.v[0, -1], atol=1e-12)
+
+
+def test_targets_swing_and_observations_are_late(quadrotor: ModuleType) -> None:
+    """Targets by sines, of which rates are the derivatives; what is seen is two decisions old."""
+    settings = {**SETTINGS, "swings": {"vy": 0.4, "vz": uniform(0.1, 0.2)}, "duration": 5.0}
+    ours = VectorEnv(quadrotor, 2, task="track", sensors={"delay": 0.039}, **settings)
+    seen, _ = ours.reset(seed=4)
+    assert seen.shape == (2, 18)
+    moments = [ours.now]
+    for _ in range(6):
+        seen, *_ = ours.step(np.zeros((2, 4)))
+        moments.append(ours.now)
+    late = quadrotor.difference(moments[-1].target, moments[-3].q)
+    np.testing.assert_allclose(seen[:, :12], np.hstack([late, moments[-3].v]), atol=1e-6)
+    values = ours.episodes
+    for name, place in (("vy", 1), ("vz", 2)):
+        size, rate, phase = (values[x][name] for x in ("swings", "swing_rates", "phases"))
+        assert np.all((rate > 0.3) & (rate < 1.5))
+        for now in moments:
+            angle = rate * now.time + phase
+            np.testing.assert_allclose(now.target[:, place], size * np.sin(angle), atol=1e-13)
+            np.testing.assert_allclose(now.target_v[:, place], size * rate * np.cos(angle))
+    assert not moments[-1].begun.any()
+    ours.data["mine"] = 3
+    assert ours.now.data == {"mine": 3}
+
+
+def test_noise_is_as_wide_as_it_is_told(quadrotor: ModuleType) -> None:
+    ours = VectorEnv(
+        *(quadrotor, 4000), limits=(0, 8), sensors={"position": 0.1, "velocity": uniform(0.2, 0.4)}
+    )
+    seen, _ = ours.reset(seed=0)
+    np.testing.assert_allclose(seen[:, :3].std(axis=0), 0.1, rtol=0.05)
+    np.testing.assert_allclose(seen[:, 6:9].std(axis=0), np.sqrt(0.16 + 0.16 / 12), rtol=0.05)
+    assert not seen[:, 3:6].any()
+    assert not seen[:, 9:].any()
+
+
+def test_tasks_see_tips_and_walls(fast: Load) -> None:
+    """The tip off its target by forward kinematics, and the spring of a wall in which it is."""
+    arm, hover = fast("quadrotor_arm_2link"), np.array([0, 0, 0, 0, 0, 0, 1.0, 0.3, 1.2])
+    ours = VectorEnv(arm, 5, hover=hover, action="tip", task="reach")
+    seen, _ = ours.reset(seed=1)
+    assert ours.single_action_space.shape == (3,)
+    now, tip = ours.now, arm.FRAMES.index("tip")
+    places = [arm.frame_poses(q)[:, tip, :3, 3] for q in (now.q, now.target)]
+    np.testing.assert_allclose(seen[:, 16:], places[0] - places[1], atol=1e-6)
+    assert np.ptp(now.target[:, 7]) > 0.1
+    rewards = 1.0 / (1.0 + 10.0 * (seen[:, 16:] ** 2).sum(1) + 0.1 * (seen[:, :8] ** 2).sum(1))
+    np.testing.assert_allclose(ours.rewards(now), rewards, rtol=1e-5)
+    at = arm.frame_poses(hover)[tip, :3, 3]
+    wall = Plane(
+        frame="tip", point=tuple(at - [0.01, 0, 0]), normal=(-1.0, 0.0, 0.0), stiffness=500.0
+    )
+    ours = VectorEnv(arm, 2, hover=hover, walls=[wall], task="push", targets={"force": 4.0})
+    seen, _ = ours.reset()
+    np.testing.assert_allclose(seen[:, 16:], [[-5.0, 0.0, 0.0, 4.0]] * 2, rtol=1e-6)
+    np.testing.assert_allclose(ours.rewards(ours.now), 1.0 / (1.0 + 0.25**2))
+
+
+@pytest.mark.parametrize("action", ["rates", "velocity"])
+def test_actions_of_the_middle_hover(quadrotor: ModuleType, action: str) -> None:
+    ours = VectorEnv(quadrotor, 2, limits=(0.0, 8.0), action=action, time_constants=0.02)
+    ours.reset()
+    for _ in range(10):
+        _, rewards, *_ = ours.step(np.zeros((2, 4)))
+    np.testing.assert_allclose(rewards, 1.0, atol=1e-9)
+    ours.step(np.tile([0.5, 0.0, 0.0, 0.0], (2, 1)))
+    assert np.all(ours.now.v[:, 2 if action == "rates" else 0] != 0.0)
+
+
+def test_tensors_share_memory(quadrotor: ModuleType) -> None:
+    torch = pytest.importorskip("torch")
+    arrays, tensors = (VectorEnv(quadrotor, 3, tensors=each, **SETTINGS) for each in (False, True))
+    first, found = arrays.reset(seed=5)[0], tensors.reset(seed=5)[0]
+    assert torch.equal(found, torch.from_numpy(first))
+    actions = torch.zeros(3, 4, requires_grad=True)
+    for one, other in zip(
+        tensors.step(actions)[:4], arrays.step(np.zeros((3, 4)))[:4], strict=True
+    ):
+        assert torch.equal(one, torch.from_numpy(other))
 
 
 def test_only_environments_of_the_mask_begin_again(quadrotor: ModuleType) -> None:
@@ -252,6 +372,15 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"offsets": {"x": 1.0}}, "offsets: x: unknown; known: vx, vy, vz, wx, wy, wz"),
     ({"rates": {"wx": scaled(0.8, 1.2)}}, "rates: wx: factors of 0 are 0"),
     ({"parameters": {"base_mass": "big"}}, "parameters: base_mass: a finite number or a distr"),
+    ({"action": "fly"}, "action: one of inputs, rates, attitude, velocity, tip, not fly"),
+    ({"joints": "rate"}, "joints: one of position, velocity, torque, not rate"),
+    ({"action": "tip"}, "action: quadrotor has no tip; choose"),
+    ({"action": "rates", "ranges": {"x": 1.0}}, "ranges: x: no entry of an action: thrust, turn_x"),
+    ({"ranges": {"F_front_left": (2.0, 1.0)}}, r"ranges: F_front_left: .* not \(2.0, 1.0\)"),
+    ({"task": "dance"}, "task: one of hover, reach, track, push, not dance"),
+    ({"task": "push"}, "task: push needs tip: quadrotor has none here"),
+    ({"disturbances": {"wind_x": 1.0}}, "disturbances: wind_x: unknown; known: base_x"),
+    ({"sensors": {"delay": "long"}}, "sensors: delay: a finite number or a distribution"),
     ({"observe": lambda now: now.time}, r"observe: an array \(3, m\), not of shape \(3,\)"),
 ]
 

@@ -1,0 +1,109 @@
+"""What differs from episode to episode of environments: numbers that each draws anew."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from numbers import Real
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight.plant.vehicle import Flags
+from gibbs_codegen.runtime.rollouts import Array
+
+
+class Between(NamedTuple):
+    """A distribution of values that are equally likely between two."""
+
+    low: float
+    high: float
+
+    def ppf(self, share: Array) -> Array:
+        """The values that such shares of all are below."""
+        return self.low + (self.high - self.low) * share
+
+
+class EpisodeDistributions:
+    """Values by name: numbers, or distributions that they are drawn from.
+
+    A distribution is whatever has a method `ppf` as those of `scipy.stats` have: the value that a
+    share between 0 and 1 of all values is below. If it is `relative`, as `scaled` makes it, values
+    are factors of those `known`. Raises `UsageError`, which calls them `what`, for a name that is
+    not known, and for what is no number and no distribution.
+    """
+
+    def __init__(self, values: Mapping[str, Any], usual: Mapping[str, float], what: str) -> None:
+        if not isinstance(values, Mapping):
+            raise UsageError(f"{what}: values by name, not {printable(values)}")
+        self.what, self.values = what, dict(values)
+        self.drawn = [name for name, value in values.items() if hasattr(value, "ppf")]
+        self.factors = dict.fromkeys(values, 1.0)
+        for name, value in values.items():
+            if name not in usual:
+                raise UsageError(f"{what}: {printable(name)}: unknown; known: {', '.join(usual)}")
+            if name not in self.drawn and not (isinstance(value, Real) and math.isfinite(value)):
+                raise UsageError(
+                    f"{what}: {name}: a finite number or a distribution, such as "
+                    f"uniform(0.8, 1.2), not {printable(value)}"
+                )
+            if getattr(value, "relative", False):
+                self.factors[name] = usual[name]
+                if not usual[name]:
+                    raise UsageError(f"{what}: {name}: factors of 0 are 0; give values")
+
+    def __call__(self, shares: Array) -> dict[str, Array]:
+        """Values (m) by name, of shares (m, number of drawn values) between 0 and 1.
+
+        Raises `UsageError` if a distribution gives what is not finite.
+        """
+        columns, values = dict(zip(self.drawn, shares.T, strict=True)), {}
+        for name, value in self.values.items():
+            one = value.ppf(columns[name]) if name in columns else np.full(len(shares), value)
+            values[name] = self.factors[name] * np.asarray(one, dtype=np.float64)
+            if not np.all(np.isfinite(values[name])):
+                raise UsageError(f"{self.what}: {name}: its distribution gives no finite number")
+        return values
+
+
+class Episodes:
+    """Values (n) of the episodes that are under way: by what they are of, and by names.
+
+    A part has values, and the usual ones of all names. Each environment draws
+    from its own random numbers, in the order of the parts.
+    """
+
+    def __init__(
+        self, count: int, parts: Mapping[str, tuple[Mapping[str, Any], Mapping[str, float]]]
+    ) -> None:
+        self._count = count
+        self._distributions = {
+            what: EpisodeDistributions(values, usual, what)
+            for what, (values, usual) in parts.items()
+        }
+        self.values = {
+            what: {name: np.empty(count) for name in distributions.values}
+            for what, distributions in self._distributions.items()
+        }
+
+    def draw(
+        self, rows: Flags, generators: Sequence[np.random.Generator]
+    ) -> dict[str, dict[str, Array]]:
+        """Draw values (m) of some environments (n) anew, and return them."""
+        ends = np.cumsum([len(each.drawn) for each in self._distributions.values()])
+        chosen = itertools.compress(generators, rows)
+        shares = np.array([generator.random(ends[-1]) for generator in chosen])
+        columns = np.split(shares, ends[:-1], axis=1)
+        drawn = {}
+        for (what, distributions), column in zip(self._distributions.items(), columns, strict=True):
+            drawn[what] = distributions(column)
+            for name, values in drawn[what].items():
+                self.values[what][name][rows] = values
+        return drawn
+
+    def table(self, what: str, names: Sequence[str]) -> Array:
+        """Values (n, names) of a part, 0 of names that it has not."""
+        values, zero = self.values[what], np.zeros(self._count)
+        return np.stack([zero, *(values.get(name, zero) for name in names)], axis=1)[:, 1:]
