@@ -262,6 +262,10 @@ class _Transformed(_Eager):
         return tuple(results), (0,) * len(results)
 
 
+# Its own looks in every operand for what torch.func has left behind, as long as all else takes.
+_apply = super(torch.autograd.Function, _Eager).apply
+
+
 def _save(ctx: Any, program: Any, operands: Tensors) -> None:
     ctx.program = program
     ctx.save_for_backward(*operands)
@@ -275,7 +279,7 @@ def _called(program: Any, operands: Tensors) -> Sequence[torch.Tensor]:
     if torch._C._are_functorch_transforms_active():
         return _Transformed.apply(program, *operands)
     if torch.is_grad_enabled() or torch.autograd.forward_ad._current_level >= 0:
-        return _Eager.apply(program, *operands)
+        return _apply(program, *operands)
     return program.compute(operands)
 
 

@@ -28,7 +28,6 @@ from gibbs_codegen.machine.rollout_steps import Parts, rollout_step
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.runtime.load import load
 
-# It is not among what CI installs: it is large.
 torch = pytest.importorskip("torch")
 tool("cc")
 
