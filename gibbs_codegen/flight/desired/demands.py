@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
-from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.plant.actuators import actuators_of, joint_place
 from gibbs_codegen.flight.plant.allocation import least_inputs
@@ -52,7 +52,7 @@ def limits_of(vehicle: RobotData, scenario: Scenario) -> TimingLimits:
         for name, most in getattr(timing, key).items():
             values[joint_place(vehicle, name, f"timing.{key}")] = most
     # What loops move needs no torque.
-    for name in Functions(vehicle.module).undriven:
+    for name in chain(*getattr(vehicle.module, "LOOPS", {}).values()):
         actuators.efforts[vehicle.joint_names.index(name)] = np.inf
     rate = np.inf if timing.thrust_rate is None else timing.thrust_rate
     return TimingLimits(actuators.inputs, rate, actuators.velocities)
