@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
 from typing import get_args
@@ -84,12 +84,15 @@ def verify(
     # C is compiled while the functions in NumPy are compared.
     pool = ThreadPoolExecutor(len(BACKENDS))
     known: Known = {}
-    modules = {backend: pool.submit(_loaded, folder, robot, backend) for backend in backends}
+    numpy = pool.submit(load, folder)
+    modules = {name: pool.submit(_loaded, numpy, folder, robot, name) for name in backends}
     if "c" in backends:  # So is what is needed later; where that fails, those say so who need it.
         pool.submit(_single_precision, folder, robot.name)
         pool.submit(lambda: modules["c"].result().compiled.function("positions", c_library.EACH))
         for precision in get_args(Precision):
-            pool.submit(lambda x: c_program.rollouts_in_c(load(folder), x, _UNOPTIMISED), precision)
+            pool.submit(
+                lambda x: c_program.rollouts_in_c(numpy.result(), x, _UNOPTIMISED), precision
+            )
     try:
         for backend in backends:
 
@@ -106,9 +109,9 @@ def verify(
             except (UsageError, c_library.CompilerError, SystemExit) as error:
                 comparisons.append(failed("the module", "", error))
             else:
-                numpy = load(folder) if backend != "numpy" else None
+                beside = numpy.result() if backend != "numpy" else None
                 comparisons += compare_module(
-                    module, robot, available, states, seed, step, numpy=numpy, known=known
+                    module, robot, available, states, seed, step, numpy=beside, known=known
                 )
                 if backend == "c" and all(c.passed for c in compare_contents(module, robot)):
                     step("as a C program calls it")
@@ -120,13 +123,13 @@ def verify(
     return verification
 
 
-def _loaded(folder: Path, robot: Robot, backend: str) -> ModuleType:
-    """A back end ("numpy" or "c") of a module.
+def _loaded(numpy: Future[ModuleType], folder: Path, robot: Robot, backend: str) -> ModuleType:
+    """A back end ("numpy" or "c") of a module, of which `numpy` is the former.
 
     Raises `_UnavailableError` if it cannot be had here, and `UsageError` if the module is broken,
     as `SystemExit` and `CompilerError` tell as well.
     """
-    module = load(folder)
+    module = numpy.result()
     if backend == "numpy":
         return module
     missing = [name for name in c_library.c_files(robot.name) if not (folder / name).is_file()]
@@ -190,7 +193,7 @@ def _compare_c(
     try:
         for precision in precisions:
             rows, lacking = c_program.compare_rollouts(
-                load(folder), Tree(robot), seed, precision, _UNOPTIMISED
+                module.in_numpy, Tree(robot), seed, precision, _UNOPTIMISED
             )
             comparisons += rows
             not_done |= lacking
