@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from derivation.test_hybrid import check_chains
 from support.emitted import emitted_module, module_with_derivatives
+from support.machines import base, frame, link, machine, spring
 from support.random_robots import sprung_robot
 
 from gibbs_codegen.equations.show import chain_equation
@@ -22,47 +23,18 @@ from gibbs_codegen.robot.parts.pose import Pose
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.verification.verify import QUICK, compare_module, formulations
 
-TEXT = """
-name = "sprung"
-
-[base]
-attitude = "quaternion"
-mass     = 1.2
-inertia  = [0.01, 0.01, 0.02, 0, 0, 0]
-
-[[link]]
-name    = "upper"
-xyz     = [0, 0, -0.05]
-axis    = "y"
-mass    = 0.2
-com     = [0, 0.01, -0.1]
-inertia = [3e-4, 3e-4, 2e-5, 0, 0, 0]
-
-[[link]]
-name    = "slider"
-joint   = "prismatic"
-xyz     = [0.05, 0, -0.1]
-mass    = 0.1
-com     = [0.01, 0, -0.08]
-inertia = [3e-4, 3e-4, 2e-5, 0, 0, 0]
-
-[[frame]]
-name = "anchor"
-xyz  = [0.1, 0.02, 0.03]
-
-[[frame]]
-name = "hand"
-on   = "slider"
-xyz  = [0, 0.02, -0.13]
-
-[[spring]]
-name      = "tendon"
-frame     = "hand"
-to        = "anchor"
-stiffness = 30
-length    = 0.1
-damping   = 0.4
-"""
+TEXT = machine(
+    "sprung",
+    base(1.2, [0.01, 0.01, 0.02], attitude="quaternion"),
+    link("upper", "y", [0, 0, -0.05], 0.2, [0, 0.01, -0.1], [0.0003, 0.0003, 2e-05]),
+    link(
+        *("slider", "z", [0.05, 0, -0.1], 0.1, [0.01, 0, -0.08], [3e-4, 3e-4, 2e-5]),
+        joint="prismatic",
+    ),
+    frame("anchor", "base", [0.1, 0.02, 0.03]),
+    frame("hand", "slider", [0, 0.02, -0.13]),
+    spring("tendon", "hand", "anchor", stiffness=30, length=0.1, damping=0.4),
+)
 ROBOT = parse_robot(TEXT)
 TENDON = ROBOT.springs[0]
 FINITE = ("mass_matrix", "potential_energy", "gibbs", "joint_wrenches")
@@ -99,10 +71,10 @@ def test_springs_are_read_as_they_are_written() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('to        = "anchor"', 'to = "anchr"', "to: must be the name of a frame, not 'anchr'"),
-        ('to        = "anchor"', 'to = "hand"', "to: 'hand' is the frame at the other end"),
-        ('to        = "anchor"', 'to = "world"', "to: must be the name of a frame, not 'world'"),
-        ('to        = "anchor"', "", "to: missing: the frame at the other end"),
+        ('to = "anchor"', 'to = "anchr"', "to: must be the name of a frame, not 'anchr'"),
+        ('to = "anchor"', 'to = "hand"', "to: 'hand' is the frame at the other end"),
+        ('to = "anchor"', 'to = "world"', "to: must be the name of a frame, not 'world'"),
+        ('to = "anchor"', "", "to: missing: the frame at the other end"),
         ('"hand"\nto ', '"base"\nto ', "to: both frames are on the same body"),
         ("stiffness = 30", "", "stiffness: missing"),
     ],

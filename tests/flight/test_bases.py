@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipj, ellipk
 from support.emitted import emitted_module
+from support.machines import PAIR, link, rod
 
 from gibbs_codegen import (
     UsageError,
@@ -30,35 +31,12 @@ from gibbs_codegen.runtime.predictive import DERIVATIVES
 
 EXACT = {"integration.relative_tolerance": 1e-12, "integration.absolute_tolerance": 1e-13}
 GRAVITY = 9.81
-ROD = """
-[[link]]
-name = "rod"
-xyz = [0, 0, 0]
-axis = "y"
-length = 0.5
-mass_per_length = 2.0
-"""
-ARM = """
-[[link]]
-name = "turn"
-xyz = [0, 0, 0.1]
-axis = "z"
-length = 0
-mass = 1
-inertia = [0.01, 0.01, 0.01, 0, 0, 0]
-[[link]]
-name = "shoulder"
-xyz = [0, 0, 0]
-axis = "y"
-length = 0.5
-mass_per_length = 2
-[[link]]
-name = "elbow"
-xyz = [0.5, 0, 0]
-axis = "y"
-length = 0.4
-mass_per_length = 1
-"""
+ROD = rod("rod", "y", [0, 0, 0], 0.5, 2.0)
+ARM = (
+    link("turn", "z", [0, 0, 0.1], 1, [0, 0, 0], [0.01, 0.01, 0.01], length=0)
+    + rod("shoulder", "y", [0, 0, 0], 0.5, 2)
+    + rod("elbow", "y", [0.5, 0, 0], 0.4, 1)
+)
 # Four rotors that command forces along x, y and z, and a moment about z, and others.
 ROTORS = "".join(
     f"[[rotor]]\nposition = {place}\ndirection = {direction}\n"
@@ -69,7 +47,6 @@ ROTORS = "".join(
         ([0, -0.3, 0], [-0.5, 0.2, 1]),
     )
 )
-PAIR = "[[rotor]]\nposition = [0.2, 0, 0]\n[[rotor]]\nposition = [-0.2, 0, 0]\n"
 
 
 def machine(name: str, motion: str, others: str, pose: str = "") -> ModuleType:

@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm, logm
 from scipy.optimize import least_squares
 from support.emitted import compiled_module, emitted_module, module_with_derivatives
+from support.machines import RADIUS, WIDTH, cart, frame, link, spring, wheel
 from support.random_robots import rolling_robot
 
 from gibbs_codegen import (
@@ -44,30 +45,8 @@ from gibbs_codegen.robot.layout import frames_of
 
 EXACT = {"integration.relative_tolerance": 1e-12, "integration.absolute_tolerance": 1e-13}
 # As a cart of Fierro and Lewis (1995): its mass, its centre's place ahead, and what turns.
-MASS, AHEAD, WIDTH, RADIUS = 30.0, 0.3, 0.5, 0.15
-CART = f"""
-name = "cart"
-[base]
-motion  = "planar"
-drive   = "differential"
-mass    = {MASS}
-com     = [{AHEAD}, 0, 0.2]
-inertia = [10, 10, 15.625, 0, 0, 0]
-[[wheel]]
-name    = "left"
-joint   = "left"
-radius  = {RADIUS}
-xyz     = [0, {WIDTH}, {RADIUS}]
-inertia = 0.1
-effort  = 60
-[[wheel]]
-name    = "right"
-joint   = "right"
-radius  = {RADIUS}
-xyz     = [0, -{WIDTH}, {RADIUS}]
-inertia = 0.1
-effort  = 60
-"""
+MASS, AHEAD = 30.0, 0.3
+CART = cart("cart", com=[AHEAD, 0, 0.2], moments=[10, 10, 15.625], inertia=0.1, effort=60)
 TANGENT = {"kind": "tangent"}
 DIRECTIONS = ("vx", "vy", "wz")
 
@@ -200,34 +179,12 @@ def test_a_way_from_rest_to_rest_bends() -> None:
     np.testing.assert_allclose(flight.q[:, 2], np.arctan2(0.8, 0.6), atol=1e-8)
 
 
-ARM = """
-[[link]]
-name   = "shoulder"
-xyz    = [0.2, 0, 0.4]
-axis   = "z"
-mass   = 1
-com    = [0, 0, 0.1]
-inertia = [0.01, 0.01, 0.01, 0, 0, 0]
-[[link]]
-name   = "upper"
-xyz    = [0, 0, 0.2]
-axis   = "y"
-length = 0.5
-mass   = 1
-com    = [0.25, 0, 0]
-inertia = [0.01, 0.02, 0.02, 0, 0, 0]
-[[link]]
-name   = "fore"
-xyz    = [0.5, 0, 0]
-axis   = "y"
-mass   = 1
-com    = [0.2, 0, 0]
-inertia = [0.01, 0.02, 0.02, 0, 0, 0]
-[[frame]]
-name = "tip"
-on   = "fore"
-xyz  = [0.4, 0, 0]
-"""
+ARM = (
+    link("shoulder", "z", [0.2, 0, 0.4], 1, [0, 0, 0.1], [0.01, 0.01, 0.01])
+    + link("upper", "y", [0, 0, 0.2], 1, [0.25, 0, 0], [0.01, 0.02, 0.02], length=0.5)
+    + link("fore", "y", [0.5, 0, 0], 1, [0.2, 0, 0], [0.01, 0.02, 0.02])
+    + frame("tip", "fore", [0.4, 0, 0])
+)
 
 
 def test_a_tip_moves_in_the_axes_of_a_rover_that_turns() -> None:
@@ -244,22 +201,14 @@ def test_a_tip_moves_in_the_axes_of_a_rover_that_turns() -> None:
     assert flight.tip_error.max() < 1e-6
 
 
-OMNIDIRECTIONAL = (
-    CART.replace('drive   = "differential"\n', "").replace('"cart"', '"omni"')
-    + f"""
-[[wheel]]
-name    = "across"
-joint   = "across"
-radius  = {RADIUS}
-xyz     = [{WIDTH}, 0, {RADIUS}]
-axis    = "x"
-"""
+OMNIDIRECTIONAL = CART.replace('drive = "differential"\n', "").replace('"cart"', '"omni"') + wheel(
+    "across", [WIDTH, 0, RADIUS], joint="across", axis="x"
 )
 
 
 def test_an_omnidirectional_base_turns_as_it_goes() -> None:
     # What a damper of one wheel takes is of all velocities at once.
-    text = OMNIDIRECTIONAL.replace("effort  = 60", "effort = 60\ndamping = 0.3", 1)
+    text = OMNIDIRECTIONAL.replace("effort = 60", "effort = 60\ndamping = 0.3", 1)
     module = emitted_module(parse_robot(text))
     turning = {"attitude": {"kind": "level", "rate_deg": 30}}
     flight = driven(module, 0.5, circle(1.5, 8.0) | turning, start={"offset": [0.1, -0.1, 0]})
@@ -289,7 +238,7 @@ def test_trims_of_rest_and_of_rolling() -> None:
 
 def test_robot_files_tell_what_wheels_do(tmp_path: Path) -> None:
     """As modules do, before there is one; a wheel without effort does nothing."""
-    text = OMNIDIRECTIONAL.replace("effort  = 60", "effort = 0", 1)
+    text = OMNIDIRECTIONAL.replace("effort = 60", "effort = 0", 1)
     (tmp_path / "omni.toml").write_text(text)
     told = robot_data(tmp_path / "omni.toml").input_wrenches()
     does = Vehicle(emitted_module(parse_robot(text))).input_wrenches()
@@ -396,22 +345,8 @@ def test_steps_and_places_have_derivatives_sideways() -> None:
     np.testing.assert_allclose(bar, expected, atol=1e-12)
 
 
-RIM = """
-[[frame]]
-name = "rim"
-on   = "left"
-xyz  = [0.1, 0, 0]
-"""
-SPRING = """
-[[frame]]
-name = "post"
-xyz  = [0.3, 0.2, 0.4]
-[[spring]]
-name      = "rod"
-frame     = "rim"
-to        = "post"
-stiffness = 3
-"""
+RIM = frame("rim", "left", [0.1, 0, 0])
+SPRING = frame("post", "base", [0.3, 0.2, 0.4]) + spring("rod", "rim", "post", stiffness=3)
 
 
 def test_what_takes_derivatives_refuses_what_turns_with_wheels() -> None:

@@ -6,33 +6,19 @@ import argparse
 
 import numpy as np
 import pytest
+from support.machines import base, link, machine
 
 from gibbs_codegen import UsageError, generate, identify, load
 from gibbs_codegen.cli.identify import run as command
 from gibbs_codegen.identification.recorded import Recording
 from gibbs_codegen.identification.unknowns import Unknowns
 
-ARM = """
-name = "arm"
-[base]
-motion = "fixed"
-mass = 1
-inertia = [0.02, 0.02, 0.03, 0, 0, 0]
-[[link]]
-name = "shoulder"
-xyz = [0, 0, 0.1]
-axis = "y"
-mass = 2
-com = [0.25, 0, 0]
-inertia = [0.01, 0.06, 0.06, 0, 0, 0]
-[[link]]
-name = "elbow"
-xyz = [0.5, 0, 0]
-axis = "y"
-mass = 1
-com = [0.2, 0, 0]
-inertia = [0.003, 0.02, 0.02, 0, 0, 0]
-"""
+ARM = machine(
+    "arm",
+    base(1, [0.02, 0.02, 0.03], motion="fixed"),
+    link("shoulder", "y", [0, 0, 0.1], 2, [0.25, 0, 0], [0.01, 0.06, 0.06]),
+    link("elbow", "y", [0.5, 0, 0], 1, [0.2, 0, 0], [0.003, 0.02, 0.02]),
+)
 # What it carries: 0.3 kg at 0.35 m along the last link.
 REAL = {"elbow_mass": 1.3, "elbow_com_x": (0.2 + 0.3 * 0.35) / 1.3}
 STEP, SUBSTEPS = 5e-3, 5

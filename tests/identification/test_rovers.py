@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.emitted import compiled_module
+from support.machines import cart, link
 
 from gibbs_codegen import identify, parse_robot, read_scenario, simulate
 from gibbs_codegen.flight.record.flight import Flight
@@ -15,34 +16,13 @@ from gibbs_codegen.identification.recorded import Readings, recording_of
 from gibbs_codegen.identification.smoothing import Smoother
 from gibbs_codegen.identification.unknowns import Unknowns
 
-ROVER = """
-name = "rover"
-[base]
-motion  = "planar"
-drive   = "differential"
-mass    = 30
-com     = [0.3, 0, 0.2]
-inertia = [10, 10, 15.6, 0, 0, 0]
-[[link]]
-name    = "arm"
-xyz     = [0.2, 0, 0.4]
-axis    = "z"
-mass    = 3
-com     = [0.3, 0, 0]
-inertia = [0.01, 0.1, 0.1, 0, 0, 0]
-[[wheel]]
-name   = "left"
-joint  = "left"
-radius = 0.15
-xyz    = [0, 0.5, 0.15]
-effort = 60
-[[wheel]]
-name   = "right"
-joint  = "right"
-radius = 0.15
-xyz    = [0, -0.5, 0.15]
-effort = 60
-"""
+ROVER = cart(
+    "rover",
+    link("arm", "z", [0.2, 0, 0.4], 3, [0.3, 0, 0], [0.01, 0.1, 0.1]),
+    com=[0.3, 0, 0.2],
+    moments=[10, 10, 15.6],
+    effort=60,
+)
 REAL = {"base_mass": 34.0, "base_com_x": 0.26, "base_inertia_zz": 13.5, "arm_com_x": 0.35}
 POINTS = [[0, 0, 0], [1, 0.3, 0], [1.5, 1.2, 0], [0.9, 2, 0], [-0.5, 1.7, 0], [-1, 1, 0]]
 WAY = {

@@ -18,6 +18,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module, module_with_derivatives
+from support.machines import base, constraint, frame, link, machine, table
 from support.pinocchio_oracle import Oracle
 from support.random_robots import motored_robot, on_base
 
@@ -328,25 +329,20 @@ def test_masses_and_forces_are_those_of_mimic_joints_of_pinocchio(seed: int) -> 
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())
 
 
-FLEXIBLE = """
-name = "flexible"
-gravity = 9.81
-base = { motion = "fixed", mass = 1, inertia = [1e-3, 1e-3, 1e-3, 0, 0, 0] }
-[[link]]
-name = "shaft"
-axis = "y"
-xyz = [0, 0, 0]
-mass = 0
-motor = { rotor_inertia = 2e-5, gear_ratio = -100 }
-[[link]]
-name = "arm"
-axis = "y"
-xyz = [0, 0, 0]
-mass = 0.8
-com = [0, 0, -0.4]
-inertia = [0.02, 0.02, 1e-3, 0, 0, 0]
-stiffness = 50
-"""
+FLEXIBLE = machine(
+    "flexible",
+    base(1, [0.001, 0.001, 0.001], motion="fixed"),
+    table(
+        "[[link]]",
+        name="shaft",
+        axis="y",
+        xyz=[0, 0, 0],
+        mass=0,
+        motor={"rotor_inertia": 2e-05, "gear_ratio": -100},
+    ),
+    link("arm", "y", [0, 0, 0], 0.8, [0, 0, -0.4], [0.02, 0.02, 0.001], stiffness=50),
+    gravity=9.81,
+)
 
 
 @pytest.mark.slow
@@ -434,24 +430,11 @@ def test_a_rotor_behind_a_gear_is_a_link_that_a_gear_moves() -> None:
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())
 
 
-HELD = """
-[[frame]]
-name = "tip"
-on = "finger"
-xyz = [0, 0, -0.06]
-[[constraint]]
-name = "grip"
-type = "point"
-frame = "tip"
-xyz = [0, 0, 1]
-frequency = 5
-[[constraint]]
-name = "rail"
-type = "plane"
-frame = "tip"
-to = "base"
-xyz = [0, 0, -0.3]
-"""
+HELD = (
+    frame("tip", "finger", [0, 0, -0.06])
+    + constraint("grip", "point", "tip", xyz=[0, 0, 1], frequency=5)
+    + constraint("rail", "plane", "tip", to="base", xyz=[0, 0, -0.3])
+)
 
 
 @pytest.mark.slow

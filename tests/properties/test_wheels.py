@@ -16,6 +16,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module, module_with_derivatives
+from support.machines import base, constraint, frame, link, machine, wheel
 from support.random_robots import rolling_robot
 
 from gibbs_codegen import (
@@ -64,12 +65,12 @@ class Rolled:
         ours = list(self.own.VELOCITIES)
         by_name = {v: np.eye(len(ours))[i] for i, v in enumerate(ours)}
         nothing = np.zeros(len(ours))
-        for link in robot.links:
-            if link.rolling and link.coordinate:
-                ahead, (x, y, _) = link.pose.matrix[:, 0], link.pose.xyz
+        for part in robot.links:
+            if part.rolling and part.coordinate:
+                ahead, (x, y, _) = part.pose.matrix[:, 0], part.pose.xyz
                 speed = ahead[0] * (by_name["vx"] - y * by_name["wz"])
                 speed = speed + ahead[1] * (by_name.get("vy", nothing) + x * by_name["wz"])
-                by_name[link.coordinate.replace(" ", "_")] = speed / link.rolling.radius
+                by_name[part.coordinate.replace(" ", "_")] = speed / part.rolling.radius
         self.v = np.array([by_name.get(name, nothing) for name in self.module.VELOCITIES])
         self.u = np.eye(len(self.own.INPUTS))
         hybrid = [*self.own.HYBRID_COORDINATES]
@@ -181,15 +182,9 @@ def module_of_text(text: str) -> ModuleType:
     return emitted_module(parse_robot(text, "test"))
 
 
-SLEIGH = """
-name = "sleigh"
-[base]
-motion  = "planar"
-drive   = "differential"
-mass    = 2.0
-com     = [0.3, 0, 0.1]
-inertia = [0.3, 0.4, 0.5, 0, 0, 0]
-"""
+SLEIGH = machine(
+    "sleigh", base(2.0, [0.3, 0.4, 0.5], motion="planar", drive="differential", com=[0.3, 0, 0.1])
+)
 
 
 def test_chaplygin_sleigh() -> None:
@@ -221,34 +216,13 @@ def test_chaplygin_sleigh() -> None:
     np.testing.assert_allclose(end[2], turned, rtol=1e-10)
 
 
-CART = """
-name = "two_wheels"
-[base]
-motion  = "planar"
-drive   = "differential"
-mass    = 30.0
-com     = [0.3, 0, 0]
-inertia = [10, 10, 15.625, 0, 0, 0]
-[[wheel]]
-name           = "left"
-joint          = "phi_left"
-radius         = 0.15
-xyz            = [0, 0.75, 0.15]
-mass           = 1.0
-inertia        = 0.005
-inertia_across = 0.0025
-[[wheel]]
-name           = "right"
-joint          = "phi_right"
-radius         = 0.15
-xyz            = [0, -0.75, 0.15]
-mass           = 1.0
-inertia        = 0.005
-[[wheel]]
-name           = "caster"
-radius         = 0.05
-xyz            = [0.6, 0, 0.05]
-"""
+CART = machine(
+    "two_wheels",
+    base(30.0, [10, 10, 15.625], motion="planar", drive="differential", com=[0.3, 0, 0]),
+    wheel("left", [0, 0.75, 0.15], joint="phi_left", mass=1, inertia=0.005, inertia_across=0.0025),
+    wheel("right", [0, -0.75, 0.15], joint="phi_right", mass=1, inertia=0.005),
+    wheel("caster", [0.6, 0, 0.05], 0.05),
+)
 
 
 def test_differential_drive() -> None:
@@ -276,24 +250,11 @@ def test_differential_drive() -> None:
     np.testing.assert_allclose(module.input_matrix(q, constants=wider), inputs, rtol=1e-12)
 
 
-HELD = """
-[[link]]
-name    = "arm"
-axis    = "y"
-xyz     = [0.1, 0, 0.4]
-mass    = 2.0
-com     = [0.1, 0, 0.3]
-inertia = [0.1, 0.1, 0.01, 0, 0, 0]
-[[frame]]
-name = "hand"
-on   = "arm"
-xyz  = [0, 0, 0.7]
-[[constraint]]
-name  = "grip"
-type  = "point"
-frame = "hand"
-xyz   = [0.4, 0.2, 1]
-"""
+HELD = (
+    link("arm", "y", [0.1, 0, 0.4], 2.0, [0.1, 0, 0.3], [0.1, 0.1, 0.01])
+    + frame("hand", "arm", [0, 0, 0.7])
+    + constraint("grip", "point", "hand", xyz=[0.4, 0.2, 1])
+)
 
 
 @pytest.mark.slow
@@ -385,40 +346,40 @@ def test_no_regulator_brings_a_cart_to_its_side() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('motion  = "planar"', 'motion = "upright"', "base.drive: is of a base that rolls: give"),
-        ('drive   = "differential"\n', "", ""),
+        ('motion = "planar"', 'motion = "upright"', "base.drive: is of a base that rolls: give"),
+        ('drive = "differential"\n', "", ""),
         ('"differential"', '"ackermann"', "no wheel may steer, and those that slide"),
         ('= "phi_left"', '= "phi_right"', "'phi_right' is the name of the coordinate of wheel 1"),
         (
-            "xyz            = [0, 0.75",
+            "xyz = [0, 0.75",
             "xyz = [0.1, 0.75",
             "wheel 1: xyz: must be on the axle",
         ),
         (
-            "radius         = 0.15",
+            "radius = 0.15",
             'axis = "x"\nradius = 0.15',
             "wheel 1: axis: must be on the axle",
         ),
         (
-            "radius         = 0.15",
+            "radius = 0.15",
             'axis = "z"\nradius = 0.15',
             "wheel 1: axis: must be level",
         ),
-        ("radius         = 0.15", "radius = 0", "wheel 1: radius: must be above 0"),
-        ("radius         = 0.05", "radius = 0.06", "wheel 3: xyz: wheels touch level ground at"),
-        ("xyz            = [0, -0.75", "xyz = [0, 0.5", "wheel 2: xyz: all wheels that turn are"),
+        ("radius = 0.15", "radius = 0", "wheel 1: radius: must be above 0"),
+        ("radius = 0.05", "radius = 0.06", "wheel 3: xyz: wheels touch level ground at"),
+        ("xyz = [0, -0.75", "xyz = [0, 0.5", "wheel 2: xyz: all wheels that turn are"),
         (
-            "radius         = 0.05",
+            "radius = 0.05",
             "radius = 0.05\neffort = 1",
             "wheel 3: effort: is of a wheel that",
         ),
         (
-            "radius         = 0.05",
+            "radius = 0.05",
             'radius = 0.05\non = "left"',
             "all wheels are on the base, and none",
         ),
-        ("com     =", "rpy_deg = [0, 9, 0]\ncom =", "base.rpy_deg: must be left out, since"),
-        ("com     =", "xyz = [1, 0, 0.1]\ncom =", ""),
+        ("com =", "rpy_deg = [0, 9, 0]\ncom =", "base.rpy_deg: must be left out, since"),
+        ("com =", "xyz = [1, 0, 0.1]\ncom =", ""),
     ],
 )
 def test_faults_of_wheels(old: str, new: str, message: str) -> None:

@@ -13,178 +13,49 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.parts.constraint import Constraint, ConstraintKind, LoopJoint
 from gibbs_codegen.robot.parts.numbers import AXES
 from gibbs_codegen.robot.parts.pose import Pose
+from support.machines import base, constraint, frame, link, machine
 from support.pinocchio_oracle import Oracle, placed
 from support.random_robots import random_pose, random_robot, random_tree, thrust
 
 Array = np.ndarray
 # With what is held by the world and within the robot, some of it redundantly.
-TEXT = """
-name = "held"
-
-[base]
-attitude = "quaternion"
-mass     = 1.2
-inertia  = [0.01, 0.01, 0.02, 0, 0, 0]
-
-[[link]]
-name    = "finger"
-xyz     = [0, 0, -0.05]
-axis    = "y"
-mass    = 0.1
-com     = [0, 0, -0.1]
-inertia = [3e-4, 3e-4, 2e-5, 0, 0, 0]
-
-[[frame]]
-name    = "claw"
-on      = "finger"
-xyz     = [0, 0.01, -0.2]
-rpy_deg = [0, 20, 0]
-
-[[constraint]]
-name      = "grip"
-type      = "frame"
-frame     = "claw"
-xyz       = [0, 0, 2]
-rpy_deg   = [10, 0, 30]
-frequency = 8
-
-[[constraint]]
-name     = "rope"
-type     = "distance"
-frame    = "base"
-xyz      = [0, 0.1, 1]
-distance = 1.5
-
-[[constraint]]
-name  = "folded"
-type  = "loop"
-frame = "claw"
-to    = "base"
-xyz   = [0, 0, -0.25]
-joint = "revolute"
-axis  = "y"
-"""
-LIGHT_FINGER = """
-name = "light"
-
-[base]
-attitude = "quaternion"
-mass     = 20
-inertia  = [0.5, 0.5, 0.9, 0, 0, 0]
-
-[[link]]
-name    = "finger"
-xyz     = [0, 0, -0.1]
-axis    = "y"
-mass    = 0.01
-com     = [0, 0, -0.005]
-inertia = [5e-7, 5e-7, 5e-7, 0, 0, 0]
-
-[[frame]]
-name = "pad"
-on   = "finger"
-xyz  = [0, 0, -0.01]
-
-[[frame]]
-name = "foot"
-on   = "base"
-xyz  = [0, 0, -0.2]
-
-[[constraint]]
-name  = "stand"
-type  = "point"
-frame = "foot"
-
-[[constraint]]
-name  = "grip"
-type  = "frame"
-frame = "pad"
-"""
+TEXT = machine(
+    "held",
+    base(1.2, [0.01, 0.01, 0.02], attitude="quaternion"),
+    link("finger", "y", [0, 0, -0.05], 0.1, [0, 0, -0.1], [0.0003, 0.0003, 2e-05]),
+    frame("claw", "finger", [0, 0.01, -0.2], rpy_deg=[0, 20, 0]),
+    constraint("grip", "frame", "claw", xyz=[0, 0, 2], rpy_deg=[10, 0, 30], frequency=8),
+    constraint("rope", "distance", "base", xyz=[0, 0.1, 1], distance=1.5),
+    constraint("folded", "loop", "claw", to="base", xyz=[0, 0, -0.25], joint="revolute", axis="y"),
+)
+LIGHT_FINGER = machine(
+    "light",
+    base(20, [0.5, 0.5, 0.9], attitude="quaternion"),
+    link("finger", "y", [0, 0, -0.1], 0.01, [0, 0, -0.005], [5e-07, 5e-07, 5e-07]),
+    frame("pad", "finger", [0, 0, -0.01]),
+    frame("foot", "base", [0, 0, -0.2]),
+    constraint("stand", "point", "foot"),
+    constraint("grip", "frame", "pad"),
+)
 # Five rows for two.
-FOUR_BAR = """
-name = "four_bar"
-
-[base]
-attitude = "quaternion"
-mass     = 1.0
-inertia  = [0.02, 0.03, 0.04, 0, 0, 0]
-
-[[link]]
-name    = "crank"
-xyz     = [0, 0, 0]
-axis    = "y"
-mass    = 0.2
-com     = [0.1, 0, 0]
-inertia = [1e-4, 1e-3, 1e-3, 0, 0, 0]
-
-[[link]]
-name    = "coupler"
-xyz     = [0.2, 0, 0]
-axis    = "y"
-mass    = 0.3
-com     = [0.2, 0, 0]
-inertia = [1e-4, 4e-3, 4e-3, 0, 0, 0]
-
-[[link]]
-name    = "rocker"
-parent  = "base"
-xyz     = [0.4, 0, 0]
-axis    = "y"
-mass    = 0.2
-com     = [0.15, 0, 0]
-inertia = [1e-4, 2e-3, 2e-3, 0, 0, 0]
-
-[[frame]]
-name = "end"
-on   = "coupler"
-xyz  = [0.4, 0, 0]
-
-[[frame]]
-name = "pin"
-on   = "rocker"
-xyz  = [0.3, 0, 0]
-
-[[constraint]]
-name  = "closing"
-type  = "loop"
-frame = "end"
-to    = "pin"
-joint = "revolute"
-axis  = "y"
-"""
-HELD_STILL = """
-name = "perched"
-
-[base]
-attitude = "quaternion"
-mass     = 1.5
-com      = [0.01, 0, 0]
-inertia  = [0.015, 0.016, 0.03, 0, 0, 0]
-
-[[link]]
-name    = "leg"
-xyz     = [0, 0, -0.05]
-axis    = "y"
-mass    = 0.2
-com     = [0, 0, -0.1]
-inertia = [1e-3, 1e-3, 1e-4, 0, 0, 0]
-
-[[frame]]
-name = "toe"
-on   = "leg"
-xyz  = [0, 0, -0.3]
-
-[[constraint]]
-name  = "grip"
-type  = "frame"
-frame = "base"
-
-[[constraint]]
-name      = "stand"
-type      = "point"
-frame     = "toe"
-frequency = 8
-"""
+FOUR_BAR = machine(
+    "four_bar",
+    base(1.0, [0.02, 0.03, 0.04], attitude="quaternion"),
+    link("crank", "y", [0, 0, 0], 0.2, [0.1, 0, 0], [0.0001, 0.001, 0.001]),
+    link("coupler", "y", [0.2, 0, 0], 0.3, [0.2, 0, 0], [0.0001, 0.004, 0.004]),
+    link("rocker", "y", [0.4, 0, 0], 0.2, [0.15, 0, 0], [0.0001, 0.002, 0.002], parent="base"),
+    frame("end", "coupler", [0.4, 0, 0]),
+    frame("pin", "rocker", [0.3, 0, 0]),
+    constraint("closing", "loop", "end", to="pin", joint="revolute", axis="y"),
+)
+HELD_STILL = machine(
+    "perched",
+    base(1.5, [0.015, 0.016, 0.03], attitude="quaternion", com=[0.01, 0, 0]),
+    link("leg", "y", [0, 0, -0.05], 0.2, [0, 0, -0.1], [0.001, 0.001, 0.0001]),
+    frame("toe", "leg", [0, 0, -0.3]),
+    constraint("grip", "frame", "base"),
+    constraint("stand", "point", "toe", frequency=8),
+)
 KINDS: tuple[ConstraintKind, ...] = ("point", "frame", "distance", "loop", "plane")
 _ROUNDING = 1e-13
 JOINTS: tuple[LoopJoint, ...] = ("fixed", "revolute", "spherical")

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from support.emitted import NUMPY
+from support.machines import cart
 from support.pages import blocks
 from support.pinocchio_oracle import InPinocchio, Oracle
 from support.planted_faults import planted
@@ -184,13 +185,9 @@ def test_mujoco_says_what_it_refuses() -> None:
     tree.joints[7] = _without_mass(tree.joints[7])
     with pytest.raises(NotApplicableError, match=r"MuJoCo rejects it: .*mass"):
         mujoco_tree.MuJoCo(tree)
-    wheels = "".join(
-        f'[[wheel]]\nname = "{name}"\njoint = "{name}"\nradius = 0.1\nxyz = [0, {y}, 0.1]\n'
-        for name, y in (("left", 0.2), ("right", -0.2))
-    )
-    text = 'name = "cart"\n[base]\nmotion = "planar"\ndrive = "differential"\nmass = 3\n'
+    wheeled = parse_robot(cart("cart", com=[0, 0, 0], moments=[1, 1, 1]))
     with pytest.raises(NotApplicableError, match="rejects it: left moves, without"):
-        mujoco_tree.MuJoCo(Tree(parse_robot(f"{text}inertia = [1, 1, 1, 0, 0, 0]\n{wheels}")))
+        mujoco_tree.MuJoCo(Tree(wheeled))
 
 
 def _without_mass(joint: Any) -> Any:

@@ -8,29 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 from support.emitted import module_with_derivatives
+from support.machines import machine, rod, table
 
 from gibbs_codegen import parse_robot, read_scenario, simulate
 from gibbs_codegen.errors import ScenarioFileError
 from gibbs_codegen.flight.integration.integrators import integrate
 from gibbs_codegen.flight.simulation import flight_start
 
-ARM = """
-name = "arm_on_a_table"
-[base]
-motion = "fixed"
-[[link]]
-name = "shoulder"
-xyz = [0, 0, 0.1]
-axis = "y"
-length = 0.5
-mass_per_length = 2
-[[link]]
-name = "elbow"
-xyz = [0.5, 0, 0]
-axis = "y"
-length = 0.4
-mass_per_length = 1
-"""
+ARM = machine(
+    "arm_on_a_table",
+    table("[base]", motion="fixed"),
+    rod("shoulder", "y", [0, 0, 0.1], 0.5, 2),
+    rod("elbow", "y", [0.5, 0, 0], 0.4, 1),
+)
 # The link is heavier than the law knows, and carries what nobody told it.
 UNKNOWN: dict[str, Any] = {
     "plant": {"elbow_mass_per_length": 1.4},

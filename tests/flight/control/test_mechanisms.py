@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
 import pytest
 from support.emitted import emitted_module, module_with_derivatives
+from support.machines import PAIR, base, constraint, frame, link, machine
 
 from gibbs_codegen import (
     UsageError,
@@ -21,38 +23,21 @@ from gibbs_codegen.flight import Allocation, required_inputs
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.robot.posture import default_posture, robot_frames
 
-BARS = "".join(
-    f'[[link]]\nname = "{name}"\nparent = "{parent}"\nxyz = [{x}, 0, 0]\naxis = "y"\n{effort}\n'
-    f"mass = {mass}\ncom = [{x}, 0, 0]\ninertia = [0, 1e-3, 1e-3, 0, 0, 0]\n"
-    for name, parent, x, mass, effort in (
-        ("crank", "base", 0, 0.3, ""),
-        ("coupler", "crank", 0.2, 0.2, "effort = 0"),
-        ("rocker", "base", 1.0, 0.4, "effort = 0"),
-    )
+BARS = (
+    link("crank", "y", [0, 0, 0], 0.3, [0, 0, 0], [0, 1e-3, 1e-3], parent="base")
+    + link("coupler", "y", [0.2, 0, 0], 0.2, [0.2, 0, 0], [0, 1e-3, 1e-3], parent="crank", effort=0)
+    + link("rocker", "y", [1.0, 0, 0], 0.4, [1.0, 0, 0], [0, 1e-3, 1e-3], parent="base", effort=0)
 )
-LOOP = """
-[[frame]]
-name = "tip"
-on = "coupler"
-xyz = [0.6, 0, 0]
-[[frame]]
-name = "pin"
-on = "rocker"
-xyz = [0.5, 0, 0]
-[[constraint]]
-name = "closure"
-type = "loop"
-frame = "tip"
-to = "pin"
-joint = "spherical"
-"""
-PAIR = "[[rotor]]\nposition = [0.2, 0, 0]\n[[rotor]]\nposition = [-0.2, 0, 0]\n"
+LOOP = (
+    frame("tip", "coupler", [0.6, 0, 0])
+    + frame("pin", "rocker", [0.5, 0, 0])
+    + constraint("closure", "loop", "tip", to="pin", joint="spherical")
+)
 
 
 def text_of(motion: str) -> str:
-    base = f"[base]\nmotion = {motion}\nmass = 2\ninertia = [0.05, 0.05, 0.05, 0, 0, 0]\n"
-    name = f'name = "four_bar_{len(motion)}"\n'
-    return name + base + BARS + LOOP + PAIR * ("pitch" in motion)
+    moving = base(2, [0.05, 0.05, 0.05], motion=json.loads(motion))
+    return machine(f"four_bar_{len(motion)}", moving, BARS, LOOP, PAIR * ("pitch" in motion))
 
 
 def four_bar(motion: str) -> Any:
@@ -190,9 +175,7 @@ def test_loops_close_as_near_as_they_can_to_what_is_asked(caplog: pytest.LogCapt
 
 
 def test_two_drives_rest_in_a_loop_and_are_told_where_they_break_it() -> None:
-    robot = text_of('"fixed"').replace(
-        '1.0, 0, 0]\naxis = "y"\neffort = 0', '1.0, 0, 0]\naxis = "y"'
-    )
+    robot = "".join(text_of('"fixed"').rsplit("effort = 0\n", 1))
     module = emitted_module(parse_robot(robot), "default", "constraints")
     assert module.LOOPS == {"closure": ("coupler",)}
     tables = {"name": "still", "duration": 0.1, "hold": [{"constraint": "closure"}]}
