@@ -70,6 +70,12 @@ class Placed(Protocol):
         """Rates of the angles of wheels, rad/s, at coordinates q (nq) and velocities v (nv)."""
 
 
+def _own_linear(base: QuaternionBase | LevelBase, v: Node, a: Node) -> tuple[Node, Node]:
+    """Velocity and acceleration (3) of the point at x, y, z, in world axes, by a base's own."""
+    velocity, (spin, _) = base.travels(v), base.angular(v, a)
+    return base.to_world(velocity), base.to_world(base.travels(a) + cross(spin, velocity))
+
+
 class QuaternionBase:
     """A base with a unit quaternion at coordinates q (nq).
 
@@ -102,12 +108,7 @@ class QuaternionBase:
         place = self.robot.layout.v.attitude
         return v[place], a[place]
 
-    def linear(self, v: Node, a: Node) -> tuple[Node, Node]:
-        """Velocity and acceleration (3) of the point at x, y, z, in world axes."""
-        places = self.robot.layout.v
-        velocity = v[places.position]
-        carried = a[places.position] + cross(v[places.attitude], velocity)
-        return self.to_world(velocity), self.to_world(carried)
+    linear = _own_linear
 
     def attitude_entries(self, v: Node, turning: Node) -> Node:
         """Entries (3) of the attitude in a: the angular acceleration (3), base's frame, itself."""
@@ -155,9 +156,8 @@ class QuaternionBase:
         places = self.robot.layout.v
         wanted = QuaternionBase(self.robot, desired.q)
         spin, spin_desired = v[places.attitude], desired.v[places.attitude]
-        carried = desired.a[places.position] + cross(spin_desired, desired.v[places.position])
-        world = wanted.to_world(carried) + pull[places.position]
-        linear = self.to_base(world) - cross(spin, v[places.position])
+        world = wanted.linear(desired.v, desired.a)[1]
+        linear = self.to_base(world + pull[places.position]) - cross(spin, v[places.position])
         turning = self._carried(wanted, desired.a[places.attitude])
         turning = turning - cross(spin, self._carried(wanted, spin_desired))
         joints = desired.a[places.joints] + pull[places.joints]
@@ -310,10 +310,7 @@ class LevelBase(AngleBase):
     def _in_base(self, x: Node) -> Node:
         return self.travels(x)
 
-    def linear(self, v: Node, a: Node) -> tuple[Node, Node]:
-        """Velocity and acceleration (3) of the point at x, y, z, in world axes."""
-        velocity, (spin, _) = self.travels(v), self.angular(v, a)
-        return self.to_world(velocity), self.to_world(self.travels(a) + cross(spin, velocity))
+    linear = _own_linear
 
     def rates(self, v: Node, entries: Node) -> Node:
         """Rates (nq) of the coordinates' entries."""

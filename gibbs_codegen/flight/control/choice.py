@@ -32,8 +32,6 @@ from gibbs_codegen.machine.laws import LAWS, turns_servos
 
 # Joints do not move a frame along a push by less than this share of how they move it.
 _NO_LEVER = 1e-3
-# Laws that no robot on wheels has, and what it lacks.
-_NOT_ROLLING = dict.fromkeys(("passive", "adaptive"), "functions of reference velocities")
 # How much faster the base must lean than the position follows, which it moves.
 _FASTER = 4.0
 _WHERE = "(in the base's frame, about the base centre)"
@@ -46,11 +44,12 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
     `q` (s, nq) is of the desired motion; one is enough for rotors that no joint moves. Raises
     `AllocationError`, with what would serve, if rotors do not command what the law needs.
     """
-    lacking = _NOT_ROLLING if _rolls(vehicle) else {}
+    rolls = vehicle.layout.has_drive or vehicle.layout.q.wheels
+    lacking = [name for name, row in LAWS.items() if rolls and row.calls]
     if law in lacking:
         raise UsageError(
-            f"control.law: {law} needs {lacking[law]}, which robots on wheels do not have, as "
-            f'{vehicle.name}; set it to "tracking"'
+            f"control.law: {law} needs functions of reference velocities, which robots on wheels "
+            f'do not have, as {vehicle.name}; set it to "tracking"'
         )
     if law == PREDICTIVE and vehicle.layout.moves_freely:
         law_of("tracking", vehicle, q, scenario)  # It plans about hover, for which rotors serve.
@@ -80,7 +79,7 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
     missing = Allocation(vehicle.input_wrenches(weakest), asked=asked).missing
     if not vehicle.rotors and not vehicle.layout.moves_freely:
         remedy = 'to "predictive", by which joints move what they can, or to "off"'
-        if lacking:
+        if rolls:
             remedy = 'to "off", give more wheels an effort'
         raise AllocationError(
             f"{vehicle.name}: nothing makes the {listed(missing)} that its base needs to be led "
@@ -115,11 +114,6 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
         f"and three moments, {lacks}{at} {remedy}",
         missing,
     )
-
-
-def _rolls(vehicle: RobotData) -> bool:
-    """True if a robot has coordinates that have no velocities of their own."""
-    return vehicle.layout.has_drive or bool(vehicle.layout.q.wheels)
 
 
 def control_law(

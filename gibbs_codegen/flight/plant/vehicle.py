@@ -247,8 +247,7 @@ class Vehicle(RobotData):
 
         Force, N, and torque about the base centre, N m, in the base's frame.
         """
-        arguments = {"q": q, "force": generalised_force, "centre": self.lever}
-        wrenches = _wrench(self.module)(arguments)["wrench"]
+        wrenches = self._found("wrench", q=q, force=generalised_force, centre=self.lever)
         # Nothing of a base that does not move depends on where it is.
         return np.broadcast_to(wrenches, (*np.shape(generalised_force)[:-1], 6))
 
@@ -286,12 +285,16 @@ class Vehicle(RobotData):
 
     def displacement(self, q0: Array, q: Array) -> Array:
         """The displacement (…, nd) between coordinates (…, nq), with a drive sideways too."""
-        return np.asarray(_displacement(self.module)({"q": q0, "other": q})["displacement"])
+        return self._found("displacement", q=q0, other=q)
 
     def displaced(self, q: Array, displacement: Array) -> Array:
         """Coordinates (…, nq) after a displacement (…, nd), to which `displacement` leads back."""
-        values = {"q": q, "way": displacement}
-        return np.asarray(_displaced(self.module)(values, {"robot": self.constants})["displaced"])
+        return self._found("displaced", q=q, way=displacement)
+
+    def _found(self, name: str, **arguments: Array) -> Array:
+        """What the program of a name makes of its arguments."""
+        results = _evaluator(self.module, name)(arguments, {"robot": self.constants})
+        return np.asarray(results[name])
 
     @property
     def wheels(self) -> Array:
@@ -372,31 +375,18 @@ class Vehicle(RobotData):
         return gravity_of(self.module, self.layout, self.constants)
 
 
-@lru_cache(maxsize=64)
-def _displacement(module: ModuleType) -> Evaluator:
-    """Evaluation of the displacement from coordinates `q` to `other`."""
+@lru_cache(maxsize=256)
+def _evaluator(module: ModuleType, name: str) -> Evaluator:
+    """Evaluation of the wrench of a force, of a displacement, or of coordinates after one."""
     robot = Functions(module)
-    q, other = robot.coordinates(), robot.coordinates("other")
-    outputs = {"displacement": robot.displacement(q, other)}
-    return Evaluator(Program("displacement", (q, other), outputs), {"robot": module})
-
-
-@lru_cache(maxsize=64)
-def _displaced(module: ModuleType) -> Evaluator:
-    """Evaluation of coordinates `q` after a displacement `way`."""
-    robot = Functions(module)
-    q, way = robot.coordinates(), variable("way", robot.space.displacements)
-    outputs = {"displaced": robot.displaced(q, way)}
-    return Evaluator(Program("displaced", (q, way), outputs), {"robot": module})
-
-
-@lru_cache(maxsize=64)
-def _wrench(module: ModuleType) -> Evaluator:
-    """The evaluator that turns a generalised force into a wrench on the base."""
-    robot = Functions(module)
-    q, force, centre = robot.coordinates(), robot.velocities("force"), variable("centre", 3)
-    outputs = {"wrench": base_of(robot, q).wrench(centre, force)}
-    return Evaluator(Program("wrench", (q, force, centre), outputs), {})
+    q, other, force = robot.coordinates(), robot.coordinates("other"), robot.velocities("force")
+    centre, way = variable("centre", 3), variable("way", robot.space.displacements)
+    inputs, output = {
+        "wrench": ((q, force, centre), lambda: base_of(robot, q).wrench(centre, force)),
+        "displacement": ((q, other), lambda: robot.displacement(q, other)),
+        "displaced": ((q, way), lambda: robot.displaced(q, way)),
+    }[name]
+    return Evaluator(Program(name, inputs, {name: output()}), {"robot": module})
 
 
 def _check(module: ModuleType) -> None:
