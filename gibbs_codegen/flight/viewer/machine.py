@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.figures.appearance import COLOURS, VIEW, disc_radius, seen_from
 from gibbs_codegen.flight.attitude import quaternion_of, rotation_matrix
+from gibbs_codegen.flight.desired.demands import needed_inputs
 from gibbs_codegen.flight.plant.actuators import module_actuators
-from gibbs_codegen.flight.plant.allocation import least_inputs
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.series import Array, Flight, point_parents
 from gibbs_codegen.flight.vectors import Indices
@@ -172,8 +172,7 @@ class DrawnMachine:
         They know no limits.
         """
         still = np.zeros(self.vehicle.layout.v.size)
-        force = self.vehicle.needed_force(q, still, still)
-        return least_inputs(self.vehicle, q, force, self.vehicle.input_wrenches(q))
+        return needed_inputs(self.vehicle, q, still, still)
 
     def state(self, q: Array, u: Array) -> Rest:
         """The robot at rest; what is undetermined is no number."""
