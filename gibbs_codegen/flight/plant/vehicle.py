@@ -381,12 +381,13 @@ def _evaluator(module: ModuleType, name: str) -> Evaluator:
     robot = Functions(module)
     q, other, force = robot.coordinates(), robot.coordinates("other"), robot.velocities("force")
     centre, way = variable("centre", 3), variable("way", robot.space.displacements)
-    inputs, output = {
-        "wrench": ((q, force, centre), lambda: base_of(robot, q).wrench(centre, force)),
-        "displacement": ((q, other), lambda: robot.displacement(q, other)),
-        "displaced": ((q, way), lambda: robot.displaced(q, way)),
+    function, inputs = {
+        "wrench": (base_of(robot, q).wrench, (centre, force)),
+        "displacement": (robot.displacement, (q, other)),
+        "displaced": (robot.displaced, (q, way)),
     }[name]
-    return Evaluator(Program(name, inputs, {name: output()}), {"robot": module})
+    program = Program(name, tuple(dict.fromkeys((q, *inputs))), {name: function(*inputs)})
+    return Evaluator(program, {"robot": module})
 
 
 def _check(module: ModuleType) -> None:
