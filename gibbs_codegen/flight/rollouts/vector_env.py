@@ -179,7 +179,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             raise UsageError("hover, time_constants: they are the same for all environments")
         [self._hover] = arguments.normalised("hover", hovers)
         # Inputs that hold a machine at rest there, or come nearest to it: motors have settled.
-        force = vehicle.inverse_dynamics(self._hover, *np.zeros((2, nv)))
+        force = vehicle.needed_force(self._hover, *np.zeros((2, nv)))
         inputs = np.linalg.lstsq(vehicle.input_matrix(self._hover), force, rcond=None)[0]
         x = np.zeros(0)
         if self._driven:
