@@ -107,7 +107,8 @@ def _add_choice(parser: Parser, meaning: str) -> None:
 def add_kept(parser: Parser) -> None:
     """Add the options that choose what is generated, which a module keeps."""
     targets = (
-        "numpy, c, rollout, which needs c, matlab, or fmu; fmu:walls,drag names what acts in it"
+        "numpy, c, rollout, which needs c, cuda, matlab, or fmu; fmu:walls,drag names what acts in "
+        "it"
     )
     meaning = f"a target to emit: {targets}; may be repeated (default: numpy and c)"
     parser.add("--target", "TARGET", meaning, action="append")

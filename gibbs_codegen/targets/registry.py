@@ -23,6 +23,7 @@ from gibbs_codegen.runtime.c_library import RUNTIME
 from gibbs_codegen.runtime.rollout_source import TEMPLATES as ROLLOUT_TEMPLATES
 from gibbs_codegen.targets.c import target as c_target
 from gibbs_codegen.targets.c.laws import calls, law_files
+from gibbs_codegen.targets.cuda import target as cuda_target
 from gibbs_codegen.targets.fmu import target as fmu_target
 from gibbs_codegen.targets.matlab import target as matlab_target
 from gibbs_codegen.targets.matlab.statements import MatlabPrinter
@@ -90,6 +91,12 @@ TARGETS: dict[str, Target] = {
         ROLLOUT_TEMPLATES,
         by_default=False,
         needs=("c",),
+    ),
+    "cuda": Target(
+        CPrinter(),
+        _shared(cuda_target.module_text),
+        {"cuda_header.cuh.jinja": "{name}.cuh", "cuda_source.cu.jinja": "{name}.cu"},
+        by_default=False,
     ),
     "matlab": Target(
         MatlabPrinter(),

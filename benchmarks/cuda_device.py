@@ -1,0 +1,350 @@
+"""CUDA sources compiled and called by ctypes: by NVRTC and the driver, or by g++ on the CPU."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, files
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.machine.machine import NO_SURROUNDINGS
+from gibbs_codegen.machine.rollout_steps import ALL, rollout_inputs
+from gibbs_codegen.runtime.rollouts import REALS, Problem, Rollout, _constants, _given, functions_of
+
+Array = NDArray[Any]
+# What kernels may be given.
+EVERY = replace(ALL, around=NO_SURROUNDINGS)
+
+
+@dataclass(frozen=True)
+class Resources:
+    """What a thread takes: registers, and bytes of stack, of spilled stores and of such loads."""
+
+    registers: int
+    stack: int
+    stores: int
+    loads: int
+
+
+def nvrtc() -> ctypes.CDLL | None:
+    """The compiler's library, where the extra `cuda` is installed."""
+    try:
+        paths = files("nvidia-cuda-nvrtc") or []
+    except PackageNotFoundError:
+        return None
+    found = [x.locate() for x in paths if re.fullmatch(r"libnvrtc\.so\.\d+", x.name)]
+    return ctypes.CDLL(str(found[0])) if found else None
+
+
+def machine_code(
+    folder: Path, architecture: str, *, single: bool = False, flags: Sequence[str] = ()
+) -> tuple[bytes, dict[str, Resources]]:
+    """Kernels of a generated module for an architecture, as sm_90, and what these take by name.
+
+    Raises `RuntimeError` with what the compiler says.
+    """
+    rtc, name = nvrtc(), folder.name
+    if rtc is None:
+        raise RuntimeError("NVRTC is missing: install the extra cuda")
+    program = ctypes.c_void_p()
+    header, source = ((folder / f"{name}.{end}").read_bytes() for end in ("cuh", "cu"))
+    included = (ctypes.c_char_p * 1)(header), (ctypes.c_char_p * 1)(f"{name}.cuh".encode())
+    rtc.nvrtcCreateProgram(ctypes.byref(program), source, b"kernels.cu", 1, *included)
+    options = [f"--gpu-architecture={architecture}", "--std=c++17", "--ptxas-options=-v", *flags]
+    options += [f"-D{name.upper()}_FLOAT"] if single else []
+    given = (ctypes.c_char_p * len(options))(*map(str.encode, options))
+    failed = rtc.nvrtcCompileProgram(program, len(options), given)
+    log = _taken(rtc, program, "ProgramLog").decode()
+    if failed:
+        raise RuntimeError(f"{folder}: {log[:3000]}")
+    code = _taken(rtc, program, "CUBIN")
+    rtc.nvrtcDestroyProgram(ctypes.byref(program))
+    return code, resources(log)
+
+
+def _taken(rtc: Any, program: ctypes.c_void_p, what: str) -> bytes:
+    """What a program has of a kind."""
+    size = ctypes.c_size_t()
+    getattr(rtc, f"nvrtcGet{what}Size")(program, ctypes.byref(size))
+    room = ctypes.create_string_buffer(size.value)
+    getattr(rtc, f"nvrtcGet{what}")(program, room)
+    return room.raw[: size.value]
+
+
+def resources(log: str) -> dict[str, Resources]:
+    """Resources by the names of kernels, as the assembler tells them."""
+    pattern = (
+        r"Compiling entry function '(\w+)'.*?(\d+) bytes stack frame, (\d+) bytes spill stores, "
+        r"(\d+) bytes spill loads.*?Used (\d+) registers"
+    )
+    return {
+        found[1]: Resources(*(int(found[k]) for k in (5, 2, 3, 4)))
+        for found in re.finditer(pattern, log, re.DOTALL)
+    }
+
+
+class Device(Protocol):
+    """What calls kernels on arrays that it has."""
+
+    def send(self, array: Array) -> int:
+        """The address of a copy."""
+
+    def fetch(self, address: int, array: Array) -> Array:
+        """The array, filled with what is at an address."""
+
+    def launch(self, kernel: str, count: int, arguments: Sequence[Any]) -> None:
+        """Call a kernel with so many states, and wait for it."""
+
+
+# What g++ needs to take a kernel as a function of one thread.
+_ON_CPU = """\
+#define __device__
+#define __global__
+#define __forceinline__ inline
+extern "C" { struct { unsigned x; } blockIdx = {0}, blockDim = {1}, threadIdx = {0}; }
+"""
+
+
+class Cpu:
+    """The kernels compiled by g++, called thread by thread."""
+
+    def __init__(
+        self, folder: Path, made: Path, *, single: bool = False, flags: Sequence[str] = ("-O1",)
+    ) -> None:
+        """Compile a generated module; `made` is where files are put."""
+        name = folder.name
+        shim, path = made / "on_cpu.h", made / f"{name}_{single}.so"
+        shim.write_text(_ON_CPU)
+        command = ["g++", "-x", "c++", "-std=c++17", "-Wall", "-Wextra", "-Werror", *flags]
+        command += ["-Wno-unknown-pragmas", "-include", str(shim), "-shared", "-fPIC"]
+        command += ["-ffp-contract=off", *([f"-D{name.upper()}_FLOAT"] if single else [])]
+        subprocess.run([*command, str(folder / f"{name}.cu"), "-o", str(path)], check=True)
+        self._library = ctypes.CDLL(str(path))
+        self._kept: dict[int, Array] = {}
+
+    def send(self, array: Array) -> int:
+        kept = array.copy()
+        self._kept[kept.ctypes.data] = kept
+        return kept.ctypes.data
+
+    def fetch(self, address: int, array: Array) -> Array:
+        array[...] = self._kept[address].reshape(array.shape)
+        return array
+
+    def launch(self, kernel: str, count: int, arguments: Sequence[Any]) -> None:
+        thread = ctypes.c_uint.in_dll(self._library, "blockIdx")
+        for i in range(count + 1):  # One more than there are states, as in the last block.
+            thread.value = i
+            self._library[kernel](*arguments)
+
+
+class Gpu:
+    """The first GPU, by its driver. Raises `RuntimeError` where there is none."""
+
+    def __init__(self, block: int = 128) -> None:
+        """Take it, for blocks of so many threads."""
+        try:
+            self._driver = ctypes.CDLL("libcuda.so.1")
+        except OSError:
+            raise RuntimeError("no GPU: the driver's library libcuda.so.1 is missing") from None
+        device, context = ctypes.c_int(), ctypes.c_void_p()
+        self._call("cuInit", 0)
+        self._call("cuDeviceGet", ctypes.byref(device), 0)
+        self._call("cuDevicePrimaryCtxRetain", ctypes.byref(context), device)
+        self._call("cuCtxSetCurrent", context)
+        self._device, self._block, self._module = device, block, ctypes.c_void_p()
+        name = ctypes.create_string_buffer(100)
+        self._call("cuDeviceGetName", name, 100, device)
+        self.name = name.value.decode()
+
+    @property
+    def architecture(self) -> str:
+        """The architecture to compile for."""
+        number = ctypes.c_int()
+        found = []
+        for which in (75, 76):  # CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MAJOR, _MINOR
+            self._call("cuDeviceGetAttribute", ctypes.byref(number), which, self._device)
+            found.append(number.value)
+        return f"sm_{found[0]}{found[1]}"
+
+    def load(self, code: bytes) -> None:
+        """Take over kernels, in place of those that it has."""
+        self._module = ctypes.c_void_p()
+        self._call("cuModuleLoadData", ctypes.byref(self._module), code)
+
+    def send(self, array: Array) -> int:
+        address, array = ctypes.c_uint64(), np.ascontiguousarray(array)
+        self._call("cuMemAlloc_v2", ctypes.byref(address), ctypes.c_size_t(max(1, array.nbytes)))
+        whole = ctypes.c_void_p(array.ctypes.data), ctypes.c_size_t(array.nbytes)
+        self._call("cuMemcpyHtoD_v2", address, *whole)
+        return address.value
+
+    def fetch(self, address: int, array: Array) -> Array:
+        whole = ctypes.c_uint64(address), ctypes.c_size_t(array.nbytes)
+        self._call("cuMemcpyDtoH_v2", ctypes.c_void_p(array.ctypes.data), *whole)
+        return array
+
+    def free(self, address: int) -> None:
+        """Give back the room of an array."""
+        self._call("cuMemFree_v2", ctypes.c_uint64(address))
+
+    def launch(self, kernel: str, count: int, arguments: Sequence[Any]) -> None:
+        function = ctypes.c_void_p()
+        self._call("cuModuleGetFunction", ctypes.byref(function), self._module, kernel.encode())
+        addresses = (ctypes.c_void_p * len(arguments))(*map(ctypes.addressof, arguments))
+        blocks = -(-count // self._block)
+        self._call(
+            "cuLaunchKernel", function, blocks, 1, 1, self._block, 1, 1, 0, None, addresses, None
+        )
+        self._call("cuCtxSynchronize")
+
+    def _call(self, name: str, *arguments: Any) -> None:
+        if status := self._driver[name](*arguments):
+            words = ctypes.c_char_p()
+            self._driver.cuGetErrorString(status, ctypes.byref(words))
+            raise RuntimeError(f"{name}: {(words.value or b'').decode() or f'error {status}'}")
+
+
+class Rows(ctypes.Structure):
+    """As <name>_rollout_rows."""
+
+    _fields_ = (
+        ("entries", ctypes.c_void_p),
+        *((name, ctypes.c_longlong) for name in ("by_entry", "by_state", "by_step")),
+    )
+
+
+class States(ctypes.Structure):
+    """As <name>_rollout_states."""
+
+    _fields_ = (
+        *((name, ctypes.c_void_p) for name in ("x", "steps", "ended", "samples")),
+        ("every", ctypes.c_int),
+    )
+
+
+def of_states(values: Array, real: Any) -> Array:
+    """Rows of states (n, ...) as columns (entries, n)."""
+    return np.ascontiguousarray(values.reshape(len(values), -1).T, real)
+
+
+class Kernels:
+    """Kernels of a module on a device, in a precision."""
+
+    def __init__(self, device: Device, module: Any, precision: Any = "double") -> None:
+        self._device, self._module, self._real = device, module, REALS[precision]
+        self._precision = precision
+        self._number = np.ctypeslib.as_ctypes_type(self._real)
+
+    def function(self, name: str, constants: Any, *arguments: Array) -> list[Array]:
+        """Results (n, ...) of a function for arguments (n, ...); constants (1 or n, k)."""
+        signature = functions_of(self._module).signatures[name]
+        count = len(arguments[0])
+        ending, given = self._constants(constants)
+        sent = [self._device.send(of_states(x, self._real)) for x in arguments]
+        made = [np.zeros((int(np.prod(shape)), count), self._real) for shape in signature.shapes]
+        results = [self._device.send(x) for x in made]
+        addresses = [ctypes.c_void_p(x) for x in (*sent, *results)]
+        kernel = f"{self._module.NAME}_{name}_batch{ending}"
+        self._device.launch(kernel, count, [given, ctypes.c_int(count), *addresses])
+        fetched = [self._device.fetch(at, x) for at, x in zip(results, made, strict=True)]
+        return [
+            x.T.reshape(count, *shape)
+            for x, shape in zip(fetched, signature.shapes, strict=True)
+        ]
+
+    def constants(self, parameters: Array) -> tuple[Array, Array]:
+        """Constants (n, k) of parameters (n, m), and whether those of each are of no use."""
+        count, name = len(parameters), self._module.NAME
+        size = len(np.frombuffer(self._module.prepare({})))
+        made, useless = np.zeros((size, count), self._real), np.zeros(count, np.int32)
+        sent = [self._device.send(x) for x in (of_states(parameters, self._real), made, useless)]
+        arguments = [ctypes.c_int(count), *map(ctypes.c_void_p, sent)]
+        self._device.launch(f"{name}_init_constants_batch", count, arguments)
+        return self._device.fetch(sent[1], made).T, self._device.fetch(sent[2], useless)
+
+    def rollout(self, problem: Problem) -> Rollout:
+        """The rollout of a problem, as `compiled_rollout`; with a law or limits it needs all."""
+        call = self.prepared(problem)
+        call.run()
+        return call.rollout()
+
+    def prepared(self, problem: Problem) -> Call:
+        """The rollout of a problem, whose arrays are on the device."""
+        return Call(self._device, self._real, self._number, problem, *self._constants(_constants(problem)))
+
+    def _constants(self, constants: Array) -> tuple[str, Any]:
+        """The ending of the kernel's name, and its argument for constants (1 or n, k)."""
+        numbers = np.atleast_2d(constants).astype(self._real)
+        if len(numbers) > 1:
+            return "_each", ctypes.c_void_p(self._device.send(of_states(numbers, self._real)))
+        array = self._number * numbers.size
+        structure = type("Constants", (ctypes.Structure,), {"_fields_": [("all", array)]})
+        return "", structure(array(*numbers[0]))
+
+
+class Call:
+    """A rollout whose arrays are on a device."""
+
+    def __init__(
+        self, device: Device, real: Any, number: Any, problem: Problem, ending: str, constants: Any
+    ) -> None:
+        self._device, self._problem = device, problem
+        robot, parts = functions_of(problem.module), problem.parts
+        self.count, self._begin = len(problem.q), problem.begin(parts)
+        values = _given(problem, parts, np)
+        lagging = robot.lagging if len(self._begin) < 3 else 0
+        begin = np.concatenate([*self._begin, np.zeros((self.count, lagging))], axis=1)
+        kept = problem.steps // problem.every
+        self._x = of_states(begin, real)
+        self._samples = np.zeros((kept, *self._x.shape), real)
+        self._steps, self._ended = np.zeros(self.count, np.int32), np.zeros(self.count, np.uint8)
+        arrays = self._x, self._steps, self._ended, self._samples
+        self._addresses = [device.send(x) for x in arrays]
+        states = States(*self._addresses, problem.every)
+        fields, given = [], []
+        every = rollout_inputs(robot, EVERY)
+        for name, x in every.items():
+            fields.append((name, ctypes.c_void_p if x.is_uniform else Rows))
+            if name not in values:
+                given.append(None if x.is_uniform else Rows())
+            elif x.is_uniform:
+                given.append(device.send(np.asarray(values[name], real)))
+            else:
+                given.append(self._rows(values[name], real))
+        structure = type("Given", (ctypes.Structure,), {"_fields_": fields})
+        word = "commands" if problem.feedback is not None else "inputs"
+        self.kernel = f"{problem.module.NAME}_rollout_{problem.method}_{word}{ending}"
+        numbers = ctypes.c_int(self.count), ctypes.c_int(problem.steps), number(problem.dt)
+        self._arguments = [constants, structure(*given), states, *numbers]
+
+    def run(self) -> None:
+        """Take all steps."""
+        self._device.launch(self.kernel, self.count, self._arguments)
+
+    def rollout(self) -> Rollout:
+        """What it has come to."""
+        fetched = [self._x, self._steps, self._ended, self._samples]
+        x, taken, ended, samples = map(self._device.fetch, self._addresses, fetched)
+        begin = np.concatenate(self._begin, axis=1)
+        every = np.moveaxis(samples, 2, 0)[..., : begin.shape[1]]
+        every = np.concatenate([begin[:, None].astype(x.dtype), every], axis=1)
+        ends = np.cumsum([part.shape[1] for part in self._begin])
+        parts = np.split(every, ends[:-1], axis=2)
+        return self._problem.rollout(parts, taken.astype(np.int64), ended.view(np.int8))
+
+    def _rows(self, values: Array, real: Any) -> Rows:
+        """Rows (1 or n, 1 or steps, ...), on the device entry by entry in each step."""
+        states, steps, *_ = values.shape
+        columns = values.reshape(states, steps, -1).transpose(1, 2, 0)
+        address = self._device.send(np.ascontiguousarray(columns, real))
+        distances = [states, int(states > 1), columns[0].size if steps > 1 else 0]
+        return Rows(address, *distances)
+

@@ -1,0 +1,1 @@
+"""CUDA: functions of a device, and kernels with one thread a state."""

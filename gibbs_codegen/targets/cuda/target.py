@@ -1,0 +1,140 @@
+"""Values for the CUDA templates: the functions of C as those of a device, and kernels of them."""
+
+from __future__ import annotations
+
+import math
+
+from gibbs_codegen.arrays.c_text import CProgram
+from gibbs_codegen.arrays.contents import check_distinct, solve_room
+from gibbs_codegen.arrays.nodes import Program
+from gibbs_codegen.files.verbatim import c_source
+from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.machine.rollout_steps import sent
+from gibbs_codegen.program.model import Model
+from gibbs_codegen.runtime.programs import PREFIX
+from gibbs_codegen.runtime.rollout_source import rollout_programs
+from gibbs_codegen.targets.c import statements as c
+from gibbs_codegen.targets.c import target as c_target
+from gibbs_codegen.targets.c.calls import check_calls, model_functions
+from gibbs_codegen.targets.printers import Context, InfixPrinter, Lines
+
+_INLINE = "static INLINE "
+# The constants of a thread, and the ending of its arrays.
+_OWN = "own"
+# Inputs of rollouts, by their names in programs.
+_WORDS = {
+    "u": "inputs, held through each step",
+    "command": "commands, held through each step",
+    "gain": "times the way from the state to the desired one it is added to what is sent",
+    "desired_q": "desired coordinates",
+    "desired_v": "desired velocities",
+    "desired_x": "desired states of actuators",
+    "least": "least of what is sent",
+    "most": "greatest of what is sent",
+    "lag": "1, exp(-h / 2 T), exp(-h / T) of each rotor with the time constant T; or 0, 0, 0",
+    "lowest": "least q and v",
+    "highest": "greatest q and v",
+}
+
+
+def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
+    """Context of the CUDA templates. Raises `UsageError` for a model without what rollouts call."""
+    robot, name = model_functions(model), model.robot.name
+    programs = [x for x in rollout_programs(robot) if "wrenches" not in x.names]
+    check_calls(model, programs, "--target cuda: its rollouts call")
+    inner = list(dict.fromkeys(x for program in programs for x in program.inner))
+    check_distinct([*inner, *programs])
+    inputs = {
+        key: x
+        for program in programs
+        for key, x in zip(program.names[3:], program.inputs[3:], strict=True)
+    }
+    rest = "actuators" if robot.actuator_states else "thrusts" if robot.lagging else ""
+    return c_target.module_text(model, printer, header) | {
+        "runtime": c_source("device.c"),
+        "rows": c_source("device_rows.c"),
+        "and_lag": ", lag" if "lag" in inputs else "",
+        "and_rest": f", {rest}" if rest else "",
+        "inputs": [
+            {"name": key, "size": x.size, "shared": x.is_uniform, "words": _WORDS[key]}
+            for key, x in inputs.items()
+        ],
+        "size": programs[0].inputs[2].size,
+        "sent": max(1, inputs[sent(robot)].size),
+        "forms": [
+            {
+                "ending": "",
+                "constants": "const Constants constants",
+                "lines": ["const Constants *const own = &constants;"],
+            },
+            {
+                "ending": "_each",
+                "constants": "const real *RESTRICT constants",
+                "lines": [
+                    "Constants each;",
+                    "const Constants *const own = &each;",
+                    f"load({len(model.program.constants)}, constants, count, i, (real *)&each);",
+                ],
+            },
+        ],
+        "kernels": _kernels(model),
+        "programs": [
+            f"#define SOLVE_ROOM {max(map(solve_room, programs))}",
+            c_source("numbers.c"),
+            c_source("sine_cosine_numbers.c"),
+            *(
+                line
+                for x in (*inner, *programs)
+                for line in [*CProgram(x, PREFIX).function(_INLINE), ""]
+            ),
+        ],
+        "rollouts": [_rollout(program) for program in programs],
+    }
+
+
+def _kernels(model: Model) -> list[Context]:
+    """Kernels of the functions, by what they are given, and what a thread does."""
+    kernels = []
+    for signature in model.signatures:
+        outputs = [output.name for output in FUNCTIONS[signature.name].outputs]
+        sizes = dict(zip(signature.arguments, signature.widths, strict=True))
+        sizes |= dict(zip(outputs, map(math.prod, signature.shapes), strict=True))
+        parameters = [*c.read_arrays(signature.arguments), *c.written_arrays(outputs)]
+        places = {key: f"{key}_{_OWN}" for key in sizes}
+        lines = [f"real {places[key]}[{max(1, size)}];" for key, size in sizes.items()]
+        loads = [f"load({sizes[x]}, {x}, count, i, {places[x]});" for x in signature.arguments]
+        called = c.call(f"{model.robot.name}_{signature.name}", [_OWN, *places.values()])
+        stores = [f"store({sizes[x]}, {places[x]}, count, i, {x});" for x in outputs]
+        kernels.append(
+            {
+                "name": signature.name,
+                "parameters": [f"{x}," for x in parameters[:-1]] + [f"{parameters[-1]})"],
+                "lines": [*lines, *loads, *called, *stores],
+            }
+        )
+    return kernels
+
+
+def _rollout(program: Program) -> Context:
+    """A rollout: arrays of what differs from state to state, their loads, and the arguments."""
+    inputs = dict(list(zip(program.names, program.inputs, strict=True))[3:])
+    own = {key: x.size for key, x in inputs.items() if not x.is_uniform}
+    load = "load_rows(&given->{0}, {1}, i, {2}, {0});"
+    return {
+        "name": program.name,
+        "declared": [
+            line
+            for key, size in own.items()
+            for line in (f"real {key}[{max(1, size)}];", load.format(key, size, 0))
+        ],
+        "loads": [
+            line
+            for key, size in own.items()
+            for line in (
+                f"if (given->{key}.by_step && step) {{",
+                f"    {load.format(key, size, 'step')}",
+                "}",
+            )
+        ],
+        "arguments": ", ".join(key if key in own else f"given->{key}" for key in inputs),
+    }
