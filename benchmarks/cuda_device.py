@@ -6,7 +6,7 @@ import ctypes
 import re
 import subprocess
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 from typing import Any, Protocol
@@ -14,13 +14,20 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.machine.machine import NO_SURROUNDINGS
-from gibbs_codegen.machine.rollout_steps import ALL, rollout_inputs
-from gibbs_codegen.runtime.rollouts import REALS, Problem, Rollout, _constants, _given, functions_of
+from gibbs_codegen.machine.rollout_steps import Parts, rollout_inputs
+from gibbs_codegen.runtime.rollouts import (
+    REALS,
+    Precision,
+    Problem,
+    Rollout,
+    _constants,
+    _given,
+    functions_of,
+)
 
 Array = NDArray[Any]
 # What kernels may be given.
-EVERY = replace(ALL, around=NO_SURROUNDINGS)
+EVERY = Parts(feedback=True, limits=True, lag=True)
 
 
 @dataclass(frozen=True)
@@ -130,15 +137,18 @@ class Cpu:
         self._kept: dict[int, Array] = {}
 
     def send(self, array: Array) -> int:
+        """The address of a copy."""
         kept = array.copy()
         self._kept[kept.ctypes.data] = kept
         return kept.ctypes.data
 
     def fetch(self, address: int, array: Array) -> Array:
+        """The array, filled with what is at an address."""
         array[...] = self._kept[address].reshape(array.shape)
         return array
 
     def launch(self, kernel: str, count: int, arguments: Sequence[Any]) -> None:
+        """Call a kernel with so many states."""
         thread = ctypes.c_uint.in_dll(self._library, "blockIdx")
         for i in range(count + 1):  # One more than there are states, as in the last block.
             thread.value = i
@@ -180,6 +190,7 @@ class Gpu:
         self._call("cuModuleLoadData", ctypes.byref(self._module), code)
 
     def send(self, array: Array) -> int:
+        """The address of a copy."""
         address, array = ctypes.c_uint64(), np.ascontiguousarray(array)
         self._call("cuMemAlloc_v2", ctypes.byref(address), ctypes.c_size_t(max(1, array.nbytes)))
         whole = ctypes.c_void_p(array.ctypes.data), ctypes.c_size_t(array.nbytes)
@@ -187,6 +198,7 @@ class Gpu:
         return address.value
 
     def fetch(self, address: int, array: Array) -> Array:
+        """The array, filled with what is at an address."""
         whole = ctypes.c_uint64(address), ctypes.c_size_t(array.nbytes)
         self._call("cuMemcpyDtoH_v2", ctypes.c_void_p(array.ctypes.data), *whole)
         return array
@@ -196,6 +208,7 @@ class Gpu:
         self._call("cuMemFree_v2", ctypes.c_uint64(address))
 
     def launch(self, kernel: str, count: int, arguments: Sequence[Any]) -> None:
+        """Call a kernel with so many states, and wait for it."""
         function = ctypes.c_void_p()
         self._call("cuModuleGetFunction", ctypes.byref(function), self._module, kernel.encode())
         addresses = (ctypes.c_void_p * len(arguments))(*map(ctypes.addressof, arguments))
@@ -238,9 +251,9 @@ def of_states(values: Array, real: Any) -> Array:
 class Kernels:
     """Kernels of a module on a device, in a precision."""
 
-    def __init__(self, device: Device, module: Any, precision: Any = "double") -> None:
-        self._device, self._module, self._real = device, module, REALS[precision]
-        self._precision = precision
+    def __init__(self, device: Device, module: Any, precision: Precision = "double") -> None:
+        self._device, self._module, self.precision = device, module, precision
+        self._real = REALS[precision]
         self._number = np.ctypeslib.as_ctypes_type(self._real)
 
     def function(self, name: str, constants: Any, *arguments: Array) -> list[Array]:
@@ -256,8 +269,7 @@ class Kernels:
         self._device.launch(kernel, count, [given, ctypes.c_int(count), *addresses])
         fetched = [self._device.fetch(at, x) for at, x in zip(results, made, strict=True)]
         return [
-            x.T.reshape(count, *shape)
-            for x, shape in zip(fetched, signature.shapes, strict=True)
+            x.T.reshape(count, *shape) for x, shape in zip(fetched, signature.shapes, strict=True)
         ]
 
     def constants(self, parameters: Array) -> tuple[Array, Array]:
@@ -278,7 +290,9 @@ class Kernels:
 
     def prepared(self, problem: Problem) -> Call:
         """The rollout of a problem, whose arrays are on the device."""
-        return Call(self._device, self._real, self._number, problem, *self._constants(_constants(problem)))
+        return Call(
+            self._device, self._real, self._number, problem, *self._constants(_constants(problem))
+        )
 
     def _constants(self, constants: Array) -> tuple[str, Any]:
         """The ending of the kernel's name, and its argument for constants (1 or n, k)."""
@@ -312,11 +326,12 @@ class Call:
         fields, given = [], []
         every = rollout_inputs(robot, EVERY)
         for name, x in every.items():
-            fields.append((name, ctypes.c_void_p if x.is_uniform else Rows))
+            kind = number * x.size if x.is_uniform else Rows
+            fields.append((name, kind))
             if name not in values:
-                given.append(None if x.is_uniform else Rows())
+                given.append(kind())
             elif x.is_uniform:
-                given.append(device.send(np.asarray(values[name], real)))
+                given.append(kind(*np.asarray(values[name], real).ravel()))
             else:
                 given.append(self._rows(values[name], real))
         structure = type("Given", (ctypes.Structure,), {"_fields_": fields})
@@ -347,4 +362,3 @@ class Call:
         address = self._device.send(np.ascontiguousarray(columns, real))
         distances = [states, int(states > 1), columns[0].size if steps > 1 else 0]
         return Rows(address, *distances)
-

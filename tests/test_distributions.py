@@ -38,13 +38,16 @@ DATA = """
     py.typed
     emitted/acados.c emitted/adaptive.c emitted/allocation.c emitted/arctangent.c
     emitted/blocks.c emitted/constants.c
-    emitted/curves.c emitted/engine.c emitted/exactness.c emitted/fixed.c emitted/flight.c
+    emitted/curves.c emitted/device.c emitted/device_rows.c
+    emitted/engine.c emitted/exactness.c emitted/fixed.c emitted/flight.c
     emitted/flow.c emitted/fmi_both.c emitted/fmi2.c
     emitted/fmi3.c emitted/fmu.c emitted/gather.c emitted/horizon.c
-    emitted/lanes.c emitted/numbers.c emitted/platform.c emitted/predictive.c emitted/rollout.c
+    emitted/lanes.c emitted/literals.c emitted/numbers.c emitted/platform.c
+    emitted/predictive.c emitted/rollout.c
     emitted/ranges.c emitted/rows.c emitted/runtime.c
     emitted/smallest_thrusts.c
     emitted/sine_cosine.c emitted/sine_cosine_kernel.c emitted/sine_cosine_numbers.c
+    emitted/sine_cosine_series.c
     emitted/matlab/changed_parameters.m emitted/matlab/check_constants.m
     emitted/matlab/product.m emitted/matlab/states.m
     runtime/native/arrays.h runtime/native/caller.c runtime/native/jax_call.c runtime/native/rows.c
@@ -60,6 +63,7 @@ DATA = """
     scenarios/hover.toml scenarios/inspection.toml scenarios/reach.toml
     scenarios/line.toml scenarios/paper.toml scenarios/push.toml
     templates/c_batch.c.jinja templates/c_each.c.jinja templates/c_header.h.jinja
+    templates/c_places.h.jinja templates/cuda_header.cuh.jinja templates/cuda_source.cu.jinja
     templates/c_rollout.c.jinja templates/c_rollout.h.jinja templates/c_runtime.h.jinja
     templates/c_source.c.jinja templates/fmi2_model.xml.jinja templates/fmi3_build.xml.jinja
     templates/fmi3_model.xml.jinja templates/fmu_source.c.jinja

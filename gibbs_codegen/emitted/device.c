@@ -23,6 +23,8 @@ typedef unsigned long long uint64_t;
 
 #include "exactness.c"
 
+#include "arctangent.c"
+
 /*
  * Sine and cosine as in C, without the branch to the library's for angles beyond ANGLE_LIMIT, which
  * would be a third of the instructions of a step; those are NaN.

@@ -23,9 +23,13 @@ static INLINE void store(
     }
 }
 
-/* Entries of state i in a step. */
-static INLINE void load_rows(const Rows *rows, const int width, const int i, const int step, real *own)
+/* Entries of state i in a step, unless they are those of the step before. */
+static INLINE void load_rows(
+    const Rows *rows, const int width, const int i, const int step, real *own)
 {
+    if (step && !rows->by_step) {
+        return;
+    }
     const real *first = rows->entries + i * rows->by_state + step * rows->by_step;
 #pragma unroll
     for (int e = 0; e < width; ++e) {

@@ -9,10 +9,10 @@ from gibbs_codegen.arrays.contents import check_distinct, solve_room
 from gibbs_codegen.arrays.nodes import Program
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.interface import FUNCTIONS
-from gibbs_codegen.machine.rollout_steps import sent
+from gibbs_codegen.machine.rollout_steps import Parts, rollout_step, sent
+from gibbs_codegen.machine.steps import METHODS
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.runtime.programs import PREFIX
-from gibbs_codegen.runtime.rollout_source import rollout_programs
 from gibbs_codegen.targets.c import statements as c
 from gibbs_codegen.targets.c import target as c_target
 from gibbs_codegen.targets.c.calls import check_calls, model_functions
@@ -21,6 +21,10 @@ from gibbs_codegen.targets.printers import Context, InfixPrinter, Lines
 _INLINE = "static INLINE "
 # The constants of a thread, and the ending of its arrays.
 _OWN = "own"
+# Rollouts are of these, which threads do not choose from at run time: registers are scarce.
+_PARTS = {"inputs": Parts(), "commands": Parts(feedback=True, limits=True, lag=True)}
+# Bytes that a kernel may be given; larger matrices are behind pointers.
+_ROOM = 30_000
 # Inputs of rollouts, by their names in programs.
 _WORDS = {
     "u": "inputs, held through each step",
@@ -32,15 +36,17 @@ _WORDS = {
     "least": "least of what is sent",
     "most": "greatest of what is sent",
     "lag": "1, exp(-h / 2 T), exp(-h / T) of each rotor with the time constant T; or 0, 0, 0",
-    "lowest": "least q and v",
-    "highest": "greatest q and v",
 }
 
 
 def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
     """Context of the CUDA templates. Raises `UsageError` for a model without what rollouts call."""
-    robot, name = model_functions(model), model.robot.name
-    programs = [x for x in rollout_programs(robot) if "wrenches" not in x.names]
+    robot = model_functions(model)
+    programs = [
+        rollout_step(robot, method, parts, f"{method}_{word}", has_thrusts=True)
+        for method in METHODS
+        for word, parts in _PARTS.items()
+    ]
     check_calls(model, programs, "--target cuda: its rollouts call")
     inner = list(dict.fromkeys(x for program in programs for x in program.inner))
     check_distinct([*inner, *programs])
@@ -50,6 +56,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
         for key, x in zip(program.names[3:], program.inputs[3:], strict=True)
     }
     rest = "actuators" if robot.actuator_states else "thrusts" if robot.lagging else ""
+    shared = sum(x.size for x in inputs.values() if x.is_uniform)
     return c_target.module_text(model, printer, header) | {
         "runtime": c_source("device.c"),
         "rows": c_source("device_rows.c"),
@@ -59,6 +66,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
             {"name": key, "size": x.size, "shared": x.is_uniform, "words": _WORDS[key]}
             for key, x in inputs.items()
         ],
+        "by_value": 8 * (shared + len(model.program.constants)) < _ROOM,
         "size": programs[0].inputs[2].size,
         "sent": max(1, inputs[sent(robot)].size),
         "forms": [
@@ -119,22 +127,12 @@ def _rollout(program: Program) -> Context:
     """A rollout: arrays of what differs from state to state, their loads, and the arguments."""
     inputs = dict(list(zip(program.names, program.inputs, strict=True))[3:])
     own = {key: x.size for key, x in inputs.items() if not x.is_uniform}
-    load = "load_rows(&given->{0}, {1}, i, {2}, {0});"
     return {
         "name": program.name,
-        "declared": [
-            line
-            for key, size in own.items()
-            for line in (f"real {key}[{max(1, size)}];", load.format(key, size, 0))
-        ],
+        "declared": [f"real {key}[{max(1, size)}];" for key, size in own.items()],
         "loads": [
-            line
-            for key, size in own.items()
-            for line in (
-                f"if (given->{key}.by_step && step) {{",
-                f"    {load.format(key, size, 'step')}",
-                "}",
-            )
+            f"load_rows(&given->{key}, {size}, i, step, {key});" for key, size in own.items()
         ],
+        "changes": " || ".join(f"given->{key}.by_step" for key in own),
         "arguments": ", ".join(key if key in own else f"given->{key}" for key in inputs),
     }
