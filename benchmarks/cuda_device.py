@@ -109,6 +109,9 @@ class Device(Protocol):
     def launch(self, kernel: str, count: int, arguments: Sequence[Any]) -> None:
         """Call a kernel with so many states, and wait for it."""
 
+    def free(self, address: int) -> None:
+        """Give back the room of an array."""
+
 
 # What g++ needs to take a kernel as a function of one thread.
 _ON_CPU = """\
@@ -154,6 +157,10 @@ class Cpu:
             thread.value = i
             self._library[kernel](*arguments)
 
+    def free(self, address: int) -> None:
+        """Give back the room of an array."""
+        del self._kept[address]
+
 
 class Gpu:
     """The first GPU, by its driver. Raises `RuntimeError` where there is none."""
@@ -169,7 +176,7 @@ class Gpu:
         self._call("cuDeviceGet", ctypes.byref(device), 0)
         self._call("cuDevicePrimaryCtxRetain", ctypes.byref(context), device)
         self._call("cuCtxSetCurrent", context)
-        self._device, self._block, self._module = device, block, ctypes.c_void_p()
+        self._device, self.block, self._module = device, block, ctypes.c_void_p()
         name = ctypes.create_string_buffer(100)
         self._call("cuDeviceGetName", name, 100, device)
         self.name = name.value.decode()
@@ -212,9 +219,9 @@ class Gpu:
         function = ctypes.c_void_p()
         self._call("cuModuleGetFunction", ctypes.byref(function), self._module, kernel.encode())
         addresses = (ctypes.c_void_p * len(arguments))(*map(ctypes.addressof, arguments))
-        blocks = -(-count // self._block)
+        blocks = -(-count // self.block)
         self._call(
-            "cuLaunchKernel", function, blocks, 1, 1, self._block, 1, 1, 0, None, addresses, None
+            "cuLaunchKernel", function, blocks, 1, 1, self.block, 1, 1, 0, None, addresses, None
         )
         self._call("cuCtxSynchronize")
 
@@ -321,7 +328,8 @@ class Call:
         self._samples = np.zeros((kept, *self._x.shape), real)
         self._steps, self._ended = np.zeros(self.count, np.int32), np.zeros(self.count, np.uint8)
         arrays = self._x, self._steps, self._ended, self._samples
-        self._addresses = [device.send(x) for x in arrays]
+        self._sent: list[int] = []
+        self._addresses = [self._send(x) for x in arrays]
         states = States(*self._addresses, problem.every)
         fields, given = [], []
         every = rollout_inputs(robot, EVERY)
@@ -339,6 +347,16 @@ class Call:
         self.kernel = f"{problem.module.NAME}_rollout_{problem.method}_{word}{ending}"
         numbers = ctypes.c_int(self.count), ctypes.c_int(problem.steps), number(problem.dt)
         self._arguments = [constants, structure(*given), states, *numbers]
+
+    def _send(self, array: Array) -> int:
+        """The address of a copy, of which `free` gives back the room."""
+        self._sent.append(self._device.send(array))
+        return self._sent[-1]
+
+    def free(self) -> None:
+        """Give back the room of all arrays."""
+        for address in self._sent:
+            self._device.free(address)
 
     def run(self) -> None:
         """Take all steps."""
@@ -359,6 +377,6 @@ class Call:
         """Rows (1 or n, 1 or steps, ...), on the device entry by entry in each step."""
         states, steps, *_ = values.shape
         columns = values.reshape(states, steps, -1).transpose(1, 2, 0)
-        address = self._device.send(np.ascontiguousarray(columns, real))
+        address = self._send(np.ascontiguousarray(columns, real))
         distances = [states, int(states > 1), columns[0].size if steps > 1 else 0]
         return Rows(address, *distances)
