@@ -6,7 +6,7 @@ import math
 
 from gibbs_codegen.arrays.c_text import CProgram
 from gibbs_codegen.arrays.contents import check_distinct, solve_room
-from gibbs_codegen.arrays.nodes import Program
+from gibbs_codegen.arrays.nodes import Node, Program
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.machine.rollout_steps import Parts, rollout_step, sent
@@ -57,16 +57,20 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
     }
     rest = "actuators" if robot.actuator_states else "thrusts" if robot.lagging else ""
     shared = sum(x.size for x in inputs.values() if x.is_uniform)
+    by_value = 8 * (shared + len(model.program.constants)) < _ROOM
     return c_target.module_text(model, printer, header) | {
         "runtime": c_source("device.c"),
         "rows": c_source("device_rows.c"),
         "and_lag": ", lag" if "lag" in inputs else "",
         "and_rest": f", {rest}" if rest else "",
         "inputs": [
-            {"name": key, "size": x.size, "shared": x.is_uniform, "words": _WORDS[key]}
+            line
             for key, x in inputs.items()
+            for line in (
+                f"/** {x.size}: {_WORDS[key]} */",
+                f"{_declared(model.robot.name, key, x, by_value)};",
+            )
         ],
-        "by_value": 8 * (shared + len(model.program.constants)) < _ROOM,
         "size": programs[0].inputs[2].size,
         "sent": max(1, inputs[sent(robot)].size),
         "forms": [
@@ -98,6 +102,13 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
         ],
         "rollouts": [_rollout(program) for program in programs],
     }
+
+
+def _declared(robot: str, name: str, x: Node, by_value: bool) -> str:
+    """What holds an input of a rollout, by value if all states share it and there is room."""
+    if not x.is_uniform:
+        return f"{robot}_rollout_rows {name}"
+    return f"real {name}[{x.size}]" if by_value else f"const real *{name}"
 
 
 def _kernels(model: Model) -> list[Context]:
