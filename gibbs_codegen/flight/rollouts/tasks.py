@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,7 @@ class Moment:
       servos, where the robot file describes actuators; with an inner loop the action (n, na)
     - `thrusts` (n, rotors): what the motors give, N
     - `x` (n, nx): states of the actuators that the robot file describes, if they have any
-    - `tip_away` (n, 3): the tip less that of the target, m, world axes, of a robot that has a tip
+    - `tip_away` (n, 3): the tip less that of the target, m, world axes
     - `touch` (n, 3): the force of walls on the tip, N, world axes, 0 without; `force` (n): how hard
       it is to be, N
     - `data`: whatever users keep there
@@ -49,10 +50,18 @@ class Moment:
     x: Array | None = None
     target: Array = field(default_factory=lambda: np.zeros(0))
     target_v: Array = field(default_factory=lambda: np.zeros(0))
-    tip_away: Array | None = None
     touch: Array = field(default_factory=lambda: np.zeros(3))
     force: Array = field(default_factory=lambda: np.zeros(1))
     data: dict[str, Any] = field(default_factory=dict)
+    tip_pose: Callable[[Array], Array] | None = None
+
+    @cached_property
+    def tip_away(self) -> NDArray[Any]:
+        """The tip less that of the target (n, 3), 0 of a robot without one."""
+        if self.tip_pose is None:
+            return np.zeros((len(self.q), 3))
+        found, wanted = (self.tip_pose(q)[:, :3, 3] for q in (self.q, self.target))
+        return np.asarray(found - wanted)
 
     @property
     def begun(self) -> Flags:
@@ -95,12 +104,12 @@ def _with_target_rates(now: Moment) -> Array:
 
 
 def _reaching(now: Moment) -> Array:
-    off = _TIP * _squares(_tip(now)) + _POSTURE * _squares(now.away)
+    off = _TIP * _squares(now.tip_away) + _POSTURE * _squares(now.away)
     return 1.0 / (1.0 + off + _RATES * _squares(now.v))
 
 
 def _with_tip(now: Moment) -> Array:
-    return np.concatenate([now.away, now.v, _tip(now)], axis=1)
+    return np.concatenate([now.away, now.v, now.tip_away], axis=1)
 
 
 def _pushing(now: Moment) -> Array:
@@ -111,10 +120,6 @@ def _pushing(now: Moment) -> Array:
 
 def _with_touch(now: Moment) -> Array:
     return np.concatenate([now.away, now.v, now.touch, now.force[:, np.newaxis]], axis=1)
-
-
-def _tip(now: Moment) -> NDArray[Any]:
-    return np.zeros((len(now.q), 3)) if now.tip_away is None else now.tip_away
 
 
 @dataclass(frozen=True)

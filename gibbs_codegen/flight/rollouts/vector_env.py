@@ -221,6 +221,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             self._now = replace(self._now, bristles=np.zeros((self.num_envs, strains)))
         self._decisions = np.zeros(self.num_envs, dtype=np.int64)
         self._parameters: dict[str, Array] = {}
+        self._target = self._now.q.copy(), self._now.v.copy()
         chosen_task = self._task(task)
         self._reward, self._observe = reward or chosen_task.reward, observe or chosen_task.observe
         self._terminated = terminated
@@ -435,6 +436,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         if now.bristles is not None:
             now.bristles[rows] = 0.0
         self._decisions[rows], self._over = 0, self._over & ~rows
+        self._aim()
         self._disturb()
         if self._sensors:
             self._sensors.begin(now.q, now.v, rows, self._generators)
@@ -465,6 +467,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             self._now, q=q, v=v, x=x, bristles=bristles, inputs=asked[:, np.newaxis]
         )
         self._decisions += 1
+        if self._episodes.values["swings"]:
+            self._aim()
         if self._sensors:
             self._sensors.after(q, v, ~self._over, self._generators)
         return flown.ended
@@ -477,7 +481,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         if self._pushes is not None:
             wrenches = self._pushes if wrenches is None else wrenches + self._pushes
         if now.inner:
-            loads |= {**self._actions.loads, "target": self._target()[0][:, np.newaxis]}
+            loads |= {**self._actions.loads, "target": self._target[0][:, np.newaxis]}
         commanded = replace(now, inputs=asked[:, np.newaxis], motors=self._motors)
         return replace(commanded, wrenches=wrenches, loads=loads)
 
@@ -533,30 +537,23 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             pushes[:, 0, :, :3] = table.reshape(self.num_envs, -1, 3)
             self._pushes = pushes
 
-    def _target(self) -> tuple[Array, Array]:
-        """Coordinates that are wanted (n, nq), and rates of their change (n, nv)."""
+    def _aim(self) -> None:
+        """Tell coordinates that are wanted now (n, nq), and rates of their change (n, nv)."""
         parts, names = self._episodes, self._vehicle.module.VELOCITIES
         middle, size, rate, phase = (
             parts.table(what, names) for what in ("targets", "swings", "swing_rates", "phases")
         )
         angle = rate * self._time()[:, np.newaxis] + phase
-        way = middle + size * np.sin(angle)
-        q = self._vehicle.integrate(np.broadcast_to(self._hover, self._now.q.shape), way)
-        return q, size * rate * np.cos(angle)
+        hover = np.broadcast_to(self._hover, self._now.q.shape)
+        q = self._vehicle.integrate(hover, middle + size * np.sin(angle))
+        self._target = q, size * rate * np.cos(angle)
 
     def _sensed(self, now: Moment) -> Moment:
         """A moment with coordinates and velocities as sensors tell them."""
         assert self._sensors is not None  # noqa: S101 - there are some
         q, v = self._sensors.read()
         away = np.asarray(self._vehicle.module.difference(now.target, q))
-        return replace(now, q=q, v=v, away=away, tip_away=self._tip_away(now.target, q))
-
-    def _tip_away(self, target: Array, q: Array) -> Array | None:
-        """The tip at coordinates (n, nq) less that of the target (n, 3), if there is a tip."""
-        if not self._vehicle.has_tip:
-            return None
-        found, wanted = (self._vehicle.tip_pose(x)[:, :3, 3] for x in (q, target))
-        return np.asarray(found - wanted)
+        return replace(now, q=q, v=v, away=away)
 
     def _time(self) -> Array:
         """Lengths of episodes (n), s."""
@@ -583,7 +580,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
 
     def _moment(self) -> Moment:
         now, places, thrusts = self._now, self._vehicle.layout.v, self._motors.thrusts
-        (target, target_v), module = self._target(), self._vehicle.module
+        (target, target_v), module = self._target, self._vehicle.module
         if self._driven:
             x = np.zeros((self.num_envs, 0)) if now.x is None else now.x
             command = now.inputs[:, 0]
@@ -603,10 +600,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             None if now.x is None else now.x.copy(),
             target,
             target_v,
-            self._tip_away(target, now.q),
             self._touch(),
             self._episodes.values["targets"].get("force", np.full(self.num_envs, _FORCE)),
             self.data,
+            self._vehicle.tip_pose if self._vehicle.has_tip else None,
         )
 
     def _touch(self) -> Array:

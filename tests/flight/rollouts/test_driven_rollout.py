@@ -207,3 +207,20 @@ def test_actions_of_environments_are_commands(module: ModuleType) -> None:
     acting = module.inputs_of(found.q[:, -1], found.v[:, -1], x, commands[-1], constants=constants)
     np.testing.assert_allclose(seen[-1].thrusts, acting[:, :4], rtol=1e-11)
     assert np.ptp(acting[:, 1]) > 0.01
+
+
+@pytest.mark.slow
+def test_inner_loops_command_motors_and_servos(module: ModuleType) -> None:
+    """A servo is sent where its joint is to be, and motors hover by throttle, speed and thrust."""
+    environments = pytest.importorskip("gibbs_codegen.flight.rollouts.vector_env")
+    settings = {"dt": 4e-4, "steps": 25, "normalised": False, "limits": limits(module)}
+    envs = environments.VectorEnv(module, 2, action="velocity", **settings)
+    assert envs.actions == ("x", "y", "z", "turn", "upper", "slider", "wrist")
+    envs.reset()
+    asked = np.zeros((2, len(envs.actions)))
+    asked[:, envs.actions.index("upper")] = 0.1
+    for _ in range(60):
+        envs.step(asked)
+    now = envs.now
+    np.testing.assert_allclose(now.q[:, module.COORDINATES.index("upper")], 0.1, atol=0.01)
+    np.testing.assert_allclose(now.v[:, :6], 0.0, atol=0.1)
