@@ -8,7 +8,8 @@
  * (steps), LIMITS (rows), MOST (iterations), and `limited`, the entries of each row, the second of
  * which is -1 if there is none.
  */
-enum { WIDTH = INPUTS + STATES, ROW = (WIDTH + LANES - 1) / LANES, SIDES = 2 * LIMITS };
+enum { WIDTH = INPUTS + STATES, ENTRIES = REGISTER / sizeof(real), SIDES = 2 * LIMITS };
+enum { ROW = (WIDTH + ENTRIES - 1) / ENTRIES };
 /* No array of C is empty. */
 enum { ROWS = LIMITS > 0 ? LIMITS : 1 };
 
@@ -20,8 +21,8 @@ typedef struct {
 } Side;
 
 typedef struct {
-    number slope[STATES][ROW], hessian[WIDTH][ROW], factor[INPUTS][ROW];
-    number w[ROW], next[ROW], gradient[ROW], linear[ROW];
+    part slope[STATES][ROW], hessian[WIDTH][ROW], factor[INPUTS][ROW];
+    part w[ROW], next[ROW], gradient[ROW], linear[ROW];
     real gap[STATES], gap_cost[STATES];
     Side sides[2 * ROWS];
 } Node;
@@ -30,96 +31,109 @@ typedef struct {
     Node node[NODES + 1];
     real penalty[ROWS], scale[ROWS]; /* of rows: price of exceeding them, how large values are */
     real cost[STATES][STATES];       /* of all that follows a node */
-    number carried[STATES][ROW], sum[WIDTH][ROW];
+    part carried[STATES][ROW], sum[WIDTH][ROW];
     real barrier, tolerance;         /* mean of price times slack, at the begin and at the end */
     real magnitude;                  /* of the cost */
     real iterations;
 } Plan;
 
-/* A tile of sums: sum[i][j] += a[i][r] b[r][j] of some rows and numbers. */
+/* A part with a value in all entries. */
+static INLINE part in_all(const real value)
+{
+    const part zero = {R(0.0)};
+    return value - zero;
+}
+
+/* A tile of sums: sum[i][j] += sign a[i][r] b[r][j] of some rows and parts. */
 static INLINE void add_tile(
     const int rows,
-    const int numbers,
+    const int parts,
     const int terms,
+    const int sign,
     const real *a,
     const int by_row,
     const int by_term,
-    const number *b,
-    number *sum)
+    const part *b,
+    part *sum)
 {
-    number found[4][2];
+    part found[4][3];
     for (int i = 0; i < rows; ++i) {
-        for (int j = 0; j < numbers; ++j) {
+        for (int j = 0; j < parts; ++j) {
             found[i][j] = sum[i * ROW + j];
         }
     }
     for (int r = 0; r < terms; ++r) {
         for (int i = 0; i < rows; ++i) {
-            const number factor = same(a[i * by_row + r * by_term]);
-            for (int j = 0; j < numbers; ++j) {
-                found[i][j] += factor * b[r * ROW + j];
+            const part factor = in_all(a[i * by_row + r * by_term]);
+            for (int j = 0; j < parts; ++j) {
+                const part product = factor * b[r * ROW + j];
+                found[i][j] = sign > 0 ? found[i][j] + product : found[i][j] - product;
             }
         }
     }
     for (int i = 0; i < rows; ++i) {
-        for (int j = 0; j < numbers; ++j) {
+        for (int j = 0; j < parts; ++j) {
             sum[i * ROW + j] = found[i][j];
         }
     }
 }
 
-/* sum += a b, where a has so many rows and terms; of a symmetric sum, the upper triangle. */
+/*
+ * sum += sign a b, where a has so many rows and terms; of a symmetric sum, whose first row is that
+ * of the whole, the upper triangle.
+ */
 static INLINE void add_products(
     const int rows,
     const int terms,
-    const int is_symmetric,
+    const int sign,
+    const int first,
     const real *a,
     const int by_row,
     const int by_term,
-    const number *b,
-    number *sum)
+    const part *b,
+    part *sum)
 {
-    int i = 0;
-    for (; i + 4 <= rows; i += 4) {
-        int j = is_symmetric ? i / LANES : 0;
-        for (; j + 2 <= ROW; j += 2) {
-            add_tile(4, 2, terms, a + i * by_row, by_row, by_term, b + j, sum + i * ROW + j);
-        }
-        if (j < ROW) {
-            add_tile(4, 1, terms, a + i * by_row, by_row, by_term, b + j, sum + i * ROW + j);
-        }
-    }
-    for (; i < rows; ++i) {
-        for (int j = is_symmetric ? i / LANES : 0; j < ROW; ++j) {
-            add_tile(1, 1, terms, a + i * by_row, by_row, by_term, b + j, sum + i * ROW + j);
+    for (int i = 0, height; i < rows; i += height) {
+        height = rows - i < 4 ? 1 : 4;
+        for (int j = first < 0 ? 0 : (first + i) / ENTRIES, width; j < ROW; j += width) {
+            width = ROW - j < 3 ? ROW - j : 3;
+            const real *from = a + i * by_row;
+            part *to = sum + i * ROW + j;
+            /* Tiles of known sizes stay in registers. */
+#define ADD_TILE(h, w) add_tile(h, w, terms, sign, from, by_row, by_term, b + j, to)
+            if (height == 4) {
+                width == 3 ? ADD_TILE(4, 3) : width == 2 ? ADD_TILE(4, 2) : ADD_TILE(4, 1);
+            } else {
+                width == 3 ? ADD_TILE(1, 3) : width == 2 ? ADD_TILE(1, 2) : ADD_TILE(1, 1);
+            }
         }
     }
 }
 
-/* The sum of the entries of a number. */
-static INLINE real sum_of(const number x)
+/* The sum of the entries of a part. */
+static INLINE real sum_of(const part x)
 {
 #if LANES == 1
     return x;
 #else
     real sum = R(0.0);
-    for (int lane = 0; lane < LANES; ++lane) {
-        sum += x[lane];
+    for (int entry = 0; entry < ENTRIES; ++entry) {
+        sum += x[entry];
     }
     return sum;
 #endif
 }
 
-static INLINE real dot_rows(const number *a, const number *b)
+static INLINE real dot_rows(const part *a, const part *b)
 {
-    number sum = a[0] * b[0];
+    part sum = a[0] * b[0];
     for (int j = 1; j < ROW; ++j) {
         sum += a[j] * b[j];
     }
     return sum_of(sum);
 }
 
-static INLINE real *reals(number *x)
+static INLINE real *reals(void *x)
 {
     return (real *)x;
 }
@@ -156,9 +170,9 @@ static void factorise(Plan *plan)
         memcpy(plan->sum, node->hessian, sizeof plan->sum);
         if (k < NODES) {
             memset(plan->carried, 0, sizeof plan->carried);
-            add_products(STATES, STATES, 0, &plan->cost[0][0], STATES, 1, node->slope[0],
+            add_products(STATES, STATES, 1, -1, &plan->cost[0][0], STATES, 1, node->slope[0],
                 plan->carried[0]);
-            add_products(WIDTH, STATES, 1, reals(node->slope[0]), 1, ROW * LANES,
+            add_products(WIDTH, STATES, 1, 0, reals(node->slope[0]), 1, ROW * ENTRIES,
                 plan->carried[0], plan->sum[0]);
             for (int i = 0; i < STATES; ++i) {
                 real sum = R(0.0);
@@ -178,19 +192,23 @@ static void factorise(Plan *plan)
             }
         }
         for (int i = 0; k < NODES && i < INPUTS; ++i) {
-            number *row = plan->sum[i];
-            const number scale = same(R(1.0) / LIBRARY(sqrt)(reals(row)[i]));
-            for (int j = i / LANES; j < ROW; ++j) {
+            part *row = plan->sum[i];
+            const part scale = in_all(R(1.0) / LIBRARY(sqrt)(reals(row)[i]));
+            for (int j = i / ENTRIES; j < ROW; ++j) {
                 row[j] *= scale;
             }
-            for (int below = i + 1; below < WIDTH; ++below) {
-                const number share = same(reals(row)[below]);
-                for (int j = below / LANES; j < ROW; ++j) {
+            for (int below = i + 1; below < INPUTS; ++below) {
+                const part share = in_all(reals(row)[below]);
+                for (int j = below / ENTRIES; j < ROW; ++j) {
                     plan->sum[below][j] -= share * row[j];
                 }
             }
             memcpy(node->factor[i], row, sizeof node->factor[i]);
             memset(node->factor[i], 0, sizeof(real) * (size_t)i);
+        }
+        if (k < NODES) {
+            add_products(STATES, INPUTS, -1, INPUTS, reals(node->factor[0]) + INPUTS, 1,
+                ROW * ENTRIES, node->factor[0], plan->sum[INPUTS]);
         }
         for (int i = 0; i < STATES; ++i) {
             const real *row = reals(plan->sum[INPUTS + i]) + INPUTS;
@@ -207,7 +225,7 @@ static void solve_nodes(Plan *plan)
     real slope[STATES] = {R(0.0)};
     for (int k = NODES; k >= 0; --k) {
         Node *node = &plan->node[k];
-        number *all = node->linear;
+        part *all = node->linear;
         real *linear = reals(all);
         memcpy(all, node->gradient, sizeof node->linear);
         for (int place = 0; place < SIDES; ++place) {
@@ -221,16 +239,14 @@ static void solve_nodes(Plan *plan)
         }
         if (k < NODES) {
             for (int r = 0; r < STATES; ++r) {
-                const number share = same(node->gap_cost[r] + slope[r]);
-                for (int j = 0; j < ROW; ++j) {
-                    all[j] += share * node->slope[r][j];
-                }
+                slope[r] += node->gap_cost[r];
             }
+            add_products(1, STATES, 1, -1, slope, 0, 1, node->slope[0], all);
             for (int i = 0; i < INPUTS; ++i) {
                 const real *row = reals(node->factor[i]);
                 const real share = linear[i] / row[i];
                 for (int j = 0; j < ROW; ++j) {
-                    all[j] -= same(share) * node->factor[i][j];
+                    all[j] -= in_all(share) * node->factor[i][j];
                 }
                 linear[i] = share;
             }
@@ -362,7 +378,7 @@ static void take_share(Plan *plan, const real share)
     for (int k = 0; k <= NODES; ++k) {
         Node *node = &plan->node[k];
         for (int j = 0; j < ROW; ++j) {
-            node->w[j] += same(share) * (node->next[j] - node->w[j]);
+            node->w[j] += in_all(share) * (node->next[j] - node->w[j]);
         }
         for (int place = 0; place < SIDES; ++place) {
             Side *side = &node->sides[place];

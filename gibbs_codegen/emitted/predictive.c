@@ -9,6 +9,7 @@
 typedef struct {
     Plan plan;
     real candidate[NODES + 1][SIZE], candidate_u[NODES][INPUTS], away[NODES + 1][STATES];
+    real cost, gaps; /* of the plan that is linearised: what it misses */
 } Room;
 
 /* The controller ends with room for a Room, at an address that vectors may have. */
@@ -51,10 +52,21 @@ static INLINE void scatter(
     }
 }
 
+/* The sum of the magnitudes of what is missing of some nodes. */
+static real magnitude(const real *missing, const int count)
+{
+    real sum = R(0.0);
+    for (int i = 0; i < count; ++i) {
+        sum += real_absolute(missing[i]);
+    }
+    return sum;
+}
+
 /* Linearise all nodes of the plan about its states and inputs. */
 WIDE static void linearise(const Constants *constants, Controller *own, Room *room)
 {
     Plan *plan = &room->plan;
+    room->cost = room->gaps = R(0.0);
     for (int first = 0; first < NODES; first += LANES) {
         number u[INPUTS], x[SIZE], x_next[SIZE], h, reference[REFERENCE];
         number gap[STATES], slope[STATES * WIDTH], hessian[DISPLACEMENTS * DISPLACEMENTS];
@@ -66,23 +78,32 @@ WIDE static void linearise(const Constants *constants, Controller *own, Room *ro
         gather(own->reference[0], first, NODES, REFERENCE, reference);
         NODE(u, x, x_next, h, reference, own->weights, own->lag_times, own->around, gap,
             slope, hessian, gradient, &cost);
-        for (int lane = 0; lane < LANES && first + lane < NODES; ++lane) {
-            Node *node = &plan->node[first + lane];
-            for (int i = 0; i < STATES; ++i) {
-                node->gap[i] = reals(gap)[i * LANES + lane];
-                for (int j = 0; j < WIDTH; ++j) {
-                    reals(node->slope[i])[j] = reals(slope)[(i * WIDTH + j) * LANES + lane];
+        Node *nodes = &plan->node[first];
+        const int count = NODES - first < LANES ? NODES - first : LANES;
+        for (int i = 0; i < STATES; ++i) {
+            for (int j = 0; j < WIDTH; ++j) {
+                for (int lane = 0; lane < count; ++lane) {
+                    reals(nodes[lane].slope[i])[j] = reals(slope)[(i * WIDTH + j) * LANES + lane];
                 }
             }
-            for (int i = 0; i < DISPLACEMENTS; ++i) {
-                for (int j = i; j < DISPLACEMENTS; ++j) {
-                    reals(node->hessian[INPUTS + i])[INPUTS + j] =
+        }
+        for (int i = 0; i < DISPLACEMENTS; ++i) {
+            for (int j = i; j < DISPLACEMENTS; ++j) {
+                for (int lane = 0; lane < count; ++lane) {
+                    reals(nodes[lane].hessian[INPUTS + i])[INPUTS + j] =
                         reals(hessian)[(i * DISPLACEMENTS + j) * LANES + lane];
                 }
             }
-            for (int i = 0; i < WIDTH; ++i) {
-                reals(node->gradient)[i] = reals(gradient)[i * LANES + lane];
+        }
+        for (int lane = 0; lane < count; ++lane) {
+            for (int i = 0; i < STATES; ++i) {
+                nodes[lane].gap[i] = reals(gap)[i * LANES + lane];
             }
+            for (int i = 0; i < WIDTH; ++i) {
+                reals(nodes[lane].gradient)[i] = reals(gradient)[i * LANES + lane];
+            }
+            room->cost += reals(&cost)[lane];
+            room->gaps += magnitude(nodes[lane].gap, STATES);
         }
     }
     number x[SIZE], reference[REFERENCE];
@@ -91,6 +112,7 @@ WIDE static void linearise(const Constants *constants, Controller *own, Room *ro
     gather(own->x[NODES], 0, 1, SIZE, x);
     gather(own->reference[NODES], 0, 1, REFERENCE, reference);
     END(x, reference, own->weights, own->ahead, hessian, gradient, &cost);
+    room->cost += reals(&cost)[0];
     for (int i = 0; i < MOTION; ++i) {
         reals(last->gradient)[INPUTS + i] = reals(gradient)[i * LANES];
         for (int j = i; j < MOTION; ++j) {
@@ -164,32 +186,32 @@ WIDE static void move(
     }
 }
 
-/* Cost of a plan, and the sum of its gaps. */
-WIDE static real value_of_plan(
-    const Constants *constants, const Controller *own, const real *states, const real *inputs, real *gaps)
+/* Cost of the candidate, and the sum of its gaps, with the way to x, where it is to begin. */
+WIDE static real value_of_candidate(
+    const Constants *constants, const Controller *own, Room *room, const real *x, real *gaps)
 {
     real sum = R(0.0);
-    *gaps = R(0.0);
+    displacements(constants, room->candidate[0], x, 1, room->away[0]);
+    *gaps = magnitude(room->away[0], STATES);
     for (int first = 0; first < NODES; first += LANES) {
-        number u[INPUTS], x[SIZE], x_next[SIZE], h, reference[REFERENCE], gap[STATES], cost;
-        gather(inputs, first, NODES, INPUTS, u);
-        gather(states, first, NODES, SIZE, x);
-        gather(states + SIZE, first, NODES, SIZE, x_next);
+        number u[INPUTS], x_first[SIZE], x_next[SIZE], h, reference[REFERENCE], gap[STATES], cost;
+        gather(room->candidate_u[0], first, NODES, INPUTS, u);
+        gather(room->candidate[0], first, NODES, SIZE, x_first);
+        gather(room->candidate[1], first, NODES, SIZE, x_next);
         gather(own->h, first, NODES, 1, &h);
         gather(own->reference[0], first, NODES, REFERENCE, reference);
-        VALUES(u, x, x_next, h, reference, own->weights, own->lag_times, own->around, gap, &cost);
+        VALUES(u, x_first, x_next, h, reference, own->weights, own->lag_times, own->around, gap,
+            &cost);
+        scatter(gap, first, NODES, STATES, room->away[0]);
         for (int lane = 0; lane < LANES && first + lane < NODES; ++lane) {
             sum += reals(&cost)[lane];
-            for (int i = 0; i < STATES; ++i) {
-                *gaps += real_absolute(reals(gap)[i * LANES + lane]);
-            }
         }
     }
-    number x[SIZE], reference[REFERENCE];
-    number gradient[MOTION], hessian[MOTION * MOTION], cost;
-    gather(states + NODES * SIZE, 0, 1, SIZE, x);
+    *gaps += magnitude(room->away[0], NODES * STATES);
+    number last[SIZE], reference[REFERENCE], cost;
+    gather(room->candidate[NODES], 0, 1, SIZE, last);
     gather(own->reference[NODES], 0, 1, REFERENCE, reference);
-    END(x, reference, own->weights, own->ahead, hessian, gradient, &cost);
+    END_COST(last, reference, own->weights, own->ahead, &cost);
     return sum + reals(&cost)[0];
 }
 
@@ -208,18 +230,6 @@ static void propose(const Constants *constants, const Controller *own, Room *roo
     move(constants, own->x[0], room->away[0], NODES + 1, room->candidate[0]);
 }
 
-/* The sum of magnitudes of what is missing of a plan: gaps, and the way to where it begins. */
-static real value_with_gaps(
-    const Constants *constants, const Controller *own, Room *room, const real *x, real *gaps)
-{
-    const real cost = value_of_plan(constants, own, room->candidate[0], room->candidate_u[0], gaps);
-    displacements(constants, room->candidate[0], x, 1, room->away[0]);
-    for (int i = 0; i < STATES; ++i) {
-        *gaps += real_absolute(room->away[0][i]);
-    }
-    return cost;
-}
-
 /*
  * Take a step of Gauss and Newton's method from the plan, where the machine is at x, or a share of it
  * where all of it would make the plan worse: its cost, and its gaps at a price of which the step
@@ -229,19 +239,14 @@ static real value_with_gaps(
 static int iterate(const Constants *constants, Controller *own, Room *room, const real *x)
 {
     Plan *plan = &room->plan;
-    Node *begin = &plan->node[0];
     displacements(constants, own->x[0], x, 1, room->away[0]);
-    for (int i = 0; i < STATES; ++i) {
-        reals(begin->w)[INPUTS + i] = room->away[0][i];
-    }
+    memcpy(reals(plan->node[0].w) + INPUTS, room->away[0], sizeof room->away[0]);
     limit(own, plan);
     memcpy(plan->penalty, own->penalty, sizeof plan->penalty);
     memcpy(plan->scale, own->scale, sizeof plan->scale);
     plan->barrier = own->barrier;
-    real slope, bend, gaps, gaps_before;
-    memcpy(room->candidate, own->x, sizeof own->x);
-    memcpy(room->candidate_u, own->u, sizeof own->u);
-    const real before = value_with_gaps(constants, own, room, x, &gaps_before);
+    real slope, bend, gaps;
+    const real before = room->cost, gaps_before = room->gaps + magnitude(room->away[0], STATES);
     plan->magnitude = before;
     plan->tolerance = own->tolerance * (R(1.0) + before);
     const int solved = solve_plan(plan);
@@ -260,7 +265,7 @@ static int iterate(const Constants *constants, Controller *own, Room *room, cons
     for (int tried = 0; tried < SHARES && !is_better; ++tried) {
         own->share *= R(0.5);
         propose(constants, own, room, own->share);
-        own->cost = value_with_gaps(constants, own, room, x, &gaps);
+        own->cost = value_of_candidate(constants, own, room, x, &gaps);
         own->gaps = gaps;
         const real fall = own->share * (price * gaps_before - slope);
         const real rounding = R(1e-9) * (R(1.0) + real_absolute(merit));

@@ -224,6 +224,11 @@ class Horizon:
         inputs = (node.x, node.references, node.all_weights, ahead)
         return Program("horizon_end", inputs, outputs)
 
+    def end_cost(self) -> Program:
+        """The `cost` of the end alone."""
+        end = self.end()
+        return Program("horizon_end_cost", end.inputs, {"cost": end.outputs["cost"]})
+
     @property
     def ahead(self) -> int:
         """Number of entries that describe what follows the end."""

@@ -195,6 +195,7 @@ class Transcription:
             "NODE": horizon.node(),
             "VALUES": horizon.values(),
             "END": horizon.end(),
+            "END_COST": horizon.end_cost(),
             "MOVED": horizon.moved(),
             "AWAY": horizon.away(),
         }
