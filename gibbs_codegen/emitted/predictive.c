@@ -69,7 +69,7 @@ WIDE static void linearise(const Constants *constants, Controller *own, Room *ro
     room->cost = room->gaps = R(0.0);
     for (int first = 0; first < NODES; first += LANES) {
         number u[INPUTS], x[SIZE], x_next[SIZE], h, reference[REFERENCE];
-        number gap[STATES], slope[STATES * WIDTH], hessian[DISPLACEMENTS * DISPLACEMENTS];
+        number gap[STATES], slope[STATES * WIDTH], hessian[BENT * BENT];
         number gradient[WIDTH], cost;
         gather(own->u[0], first, NODES, INPUTS, u);
         gather(own->x[0], first, NODES, SIZE, x);
@@ -87,11 +87,11 @@ WIDE static void linearise(const Constants *constants, Controller *own, Room *ro
                 }
             }
         }
-        for (int i = 0; i < DISPLACEMENTS; ++i) {
-            for (int j = i; j < DISPLACEMENTS; ++j) {
+        for (int i = 0; i < BENT; ++i) {
+            for (int j = i; j < BENT; ++j) {
                 for (int lane = 0; lane < count; ++lane) {
-                    reals(nodes[lane].hessian[INPUTS + i])[INPUTS + j] =
-                        reals(hessian)[(i * DISPLACEMENTS + j) * LANES + lane];
+                    reals(nodes[lane].hessian[BEND + i])[BEND + j] =
+                        reals(hessian)[(i * BENT + j) * LANES + lane];
                 }
             }
         }
@@ -120,15 +120,16 @@ WIDE static void linearise(const Constants *constants, Controller *own, Room *ro
                 reals(hessian)[(MOTION * i + j) * LANES];
         }
     }
+    /* The rest, beside what programs give: of inputs and velocities with a cost of one's own. */
     for (int k = 0; k < NODES; ++k) {
-        Node *node = &plan->node[k];
         for (int i = 0; i < WIDTH; ++i) {
-            if (i < INPUTS || i >= INPUTS + DISPLACEMENTS) {
-                reals(node->hessian[i])[i] = own->diagonal[i];
+            real *row = reals(plan->node[k].hessian[i]);
+            const int is_bent = i >= BEND && i < BEND + BENT;
+            row[i] = own->diagonal[i] + (is_bent ? row[i] : R(0.0));
+            for (int j = 0; i < INPUTS && j < STATES; ++j) {
+                const int is_across = BEND == 0 && INPUTS + j < BENT;
+                row[INPUTS + j] = own->across[i][j] + (is_across ? row[INPUTS + j] : R(0.0));
             }
-        }
-        for (int i = 0; i < INPUTS; ++i) {
-            memcpy(reals(node->hessian[i]) + INPUTS, own->across[i], sizeof own->across[i]);
         }
     }
 }

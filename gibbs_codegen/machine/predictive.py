@@ -21,6 +21,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +91,8 @@ class Horizon:
     free, and at the end of the horizon is where the first point would be on its path. `served`:
     inputs that servos are sent, each with the entry of (q, v), as displacements, off which it
     costs, since it pushes by these. `around` acts, without bristles, and has `figures` of names and
-    shapes, of which "time" may be one.
+    shapes, of which "time" may be one. Half the square of what the program `cost` gives, of q, v, u
+    and what references tell it, is added to the cost.
     """
 
     robot: Functions
@@ -103,6 +105,19 @@ class Horizon:
     served: tuple[tuple[int, int], ...] = ()
     around: Surroundings = NO_SURROUNDINGS
     figures: tuple[tuple[str, tuple[int, ...]], ...] = ()
+    cost: Program | None = None
+
+    @property
+    def told(self) -> dict[str, tuple[int, ...]]:
+        """Shapes of what the cost of one's own is told of a node, beside its state and inputs."""
+        pairs = zip(self.cost.names, self.cost.inputs, strict=True) if self.cost else ()
+        return {name: x.shape for name, x in pairs if name not in ("q", "v", "u")}
+
+    @property
+    def bent(self) -> slice:
+        """Entries of w in the Hessian that programs give: q, with a cost of one's own u, q, v."""
+        nu, nd = self.robot.inputs, self.robot.space.displacements
+        return slice(0, nu + self.motion) if self.cost else slice(nu, nu + nd)
 
     @property
     def motors(self) -> int:
@@ -147,6 +162,7 @@ class Horizon:
         """Length of what says where a node is to be."""
         robot = self.robot
         led = 3 * len(self.points) + 9 * len(self.orientations)
+        led += sum(map(math.prod, self.told.values()))
         return led + robot.space.coordinates + robot.space.velocities + robot.inputs
 
     @cached_property
@@ -177,7 +193,11 @@ class Horizon:
         """`gap` and `cost` of a node alone."""
         node = self._node_inputs()
         step = self._predicted.results(*self._arguments(node))
-        outputs = {"gap": self._gap(node, step), "cost": self._cost(node, step["errors"])[0]}
+        cost = self._cost(node, step["errors"])[0]
+        if self.cost:
+            (missed,) = self.cost(*self._asked(node, node.inputs[0]))
+            cost = cost + 0.5 * dot(missed, missed)
+        outputs = {"gap": self._gap(node, step), "cost": cost}
         return Program("horizon_values", tuple(node.inputs), outputs)
 
     def end(self) -> Program:
@@ -216,6 +236,11 @@ class Horizon:
         damped = weights["velocities"] * rates
         gradient = join(slope.transposed @ pulled[:nd] + pull, pulled[nd:] + damped)
         squares = self._squares(node, errors["errors"]) + dot(damped, rates)
+        if self.cost:
+            missed, by = self._missed(node, node.reference["u"])
+            by_state = by.transposed[self.robot.inputs :]
+            hessian = hessian + by_state @ by_state.transposed
+            gradient, squares = gradient + by_state @ missed, squares + dot(missed, missed)
         outputs = {
             "hessian": _of_each(hessian, node.x),
             "gradient": gradient,
@@ -267,7 +292,8 @@ class Horizon:
         weights = variable("weights", sum(self.weight_sizes.values()), uniform=True)
         n, nv = robot.space.coordinates, robot.space.velocities
         sizes = {"q": n, "v": nv, "motors": self.motors, "before": self.before}
-        led = {"points": 3 * len(self.points), "rotations": 9 * len(self.orientations)}
+        led = {f"told {name}": math.prod(shape) for name, shape in self.told.items()}
+        led |= {"points": 3 * len(self.points), "rotations": 9 * len(self.orientations)}
         return NodeInputs(
             [u, x, after, h, references, weights, *self._shared],
             self._split(x, sizes),
@@ -315,6 +341,22 @@ class Horizon:
     def _led(self, node: NodeInputs) -> list[Node]:
         """Points, rotations and coordinates that are desired, as far as there are such."""
         return [node.reference[x] for x in ("points", "rotations", "q") if x in node.reference]
+
+    def _asked(self, node: NodeInputs, u: Node) -> list[Node]:
+        """Arguments of the cost of one's own."""
+        given = {"q": node.q, "v": node.v, "u": u}
+        for name, shape in self.told.items():
+            given[name] = reshaped(node.reference[f"told {name}"], shape)
+        return [given[name] for name in self.cost.names] if self.cost else []
+
+    def _missed(self, node: NodeInputs, u: Node) -> tuple[Node, Node]:
+        """What the cost of one's own gives (m), and its slope by u, q and v (m, nu + nd + nv)."""
+        cost, space = cast(Program, self.cost), self.robot.space
+        by = {"u": self.robot.inputs, "q": space.displacements, "v": space.velocities}
+        results = jacobian(cost, [x for x in by if x in cost.names]).results(*self._asked(node, u))
+        (name, missed), *_ = results.items()
+        slopes = (results.get(f"{name}_by_{x}") or zeros(missed.size, by[x]) for x in by)
+        return missed, beside(*slopes)
 
     @cached_property
     def _predicted(self) -> Program:
@@ -408,9 +450,19 @@ class Horizon:
         parts = [efforts if changed is None else efforts + changed, pull, rates]
         parts += [zeros(self.motors)] if self.motors else []
         parts += [] if changed is None else [-changed]
+        gradient = join(*parts)
+        if self.cost:
+            missed, by = self._missed(node, node.inputs[0])
+            nu, nv, width = self.robot.inputs, node.v.size, by.shape[1]
+            nd = width - nu - nv
+            of_q = beside(zeros(nd, nu), hessian, zeros(nd, nv))
+            hessian = by.transposed @ by + join(zeros(nu, width), of_q, zeros(nv, width))
+            pull = by.transposed @ missed
+            gradient = join(gradient[: pull.size] + pull, gradient[pull.size :])
+            cost = cost + 0.5 * dot(missed, missed)
         return {
             "hessian": _of_each(hessian, node.x),
-            "gradient": join(*parts),
+            "gradient": gradient,
             "cost": cost,
         }
 

@@ -121,6 +121,7 @@ class Transcription:
         horizon, steps, rows = self.horizon, self.steps, max(len(self.rows), 1)
         robot, motors = horizon.robot, max(horizon.motors, 1)
         sizes = {
+            **{f"{name}, of the cost": math.prod(shape) for name, shape in horizon.told.items()},
             "points (3 each, m, world axes)": 3 * len(horizon.points),
             "rotations (9 each, row by row, frame to world)": 9 * len(horizon.orientations),
             "q": robot.space.coordinates,
@@ -266,7 +267,8 @@ class Transcription:
         sizes = {
             "INPUTS": robot.inputs,
             "STATES": horizon.states,
-            "DISPLACEMENTS": robot.space.displacements,
+            "BENT": horizon.bent.stop - horizon.bent.start,
+            "BEND": horizon.bent.start,
             "MOTION": horizon.motion,
             "SIZE": horizon.size,
             "SEEN": robot.space.coordinates + robot.space.velocities,

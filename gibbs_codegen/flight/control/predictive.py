@@ -33,6 +33,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from gibbs_codegen.arrays.contents import externals_of, functions_of, owners_of
 from gibbs_codegen.arrays.evaluation import evaluate
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Program, constant, variable
@@ -213,6 +214,11 @@ class Predictive:
         walls: Walls that frames may touch, of a `Scenario`: a frame that is led into one presses.
         surroundings: A scenario, or the name or path of one, whose wind, payloads, push and walls
             are foreseen, and spinning rotors: at every instant as they are then.
+        cost: A program whose one output is a vector; half its square is added to the cost of every
+            node. Inputs may be q, v and u, as `Functions(module)` makes them, of the nodes' states
+            and inputs, `time`, s, and those that it is `told`. At the end u is that of hover, or
+            `feedforward`.
+        told: Values (n, …) at times (n), s, by names of inputs of `cost`.
 
     Raises:
         UsageError: If an argument is not what it must be.
@@ -240,6 +246,8 @@ class Predictive:
     method: str | None = None
     walls: Sequence[Wall] = ()
     surroundings: AnyScenario | None = None
+    cost: Program | None = None
+    told: Mapping[str, Path] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._check_kinds()
@@ -285,6 +293,7 @@ class Predictive:
             served,
             around,
             tuple((name, np.shape(x)) for name, x in self._figures(0.0).items()),
+            self.cost,
         )
         rows, limits = self._rows()
         transcription = Transcription(self.horizon, self.nodes, tuple(rows))
@@ -442,6 +451,8 @@ class Predictive:
         kinds: dict[str, tuple[Any, str]] = {
             "module": (ModuleType, 'a module, as load(folder, backend="c") returns'),
             **dict.fromkeys(("points", "orientations"), (Mapping, paths)),
+            "told": (Mapping, 'functions of times by names of inputs, such as {"ball": path}'),
+            "cost": (Program | None, "a `Program`, as gibbs_codegen.arrays has them"),
             **dict.fromkeys(("posture", "feedforward"), (Callable | None, "a function of times")),
             "parameters": (Mapping, 'numbers by names of parameters, such as {"gravity": 3.7}'),
             "tolerances": (Tolerances, "`Tolerances`"),
@@ -455,9 +466,10 @@ class Predictive:
             for x, (kind, words) in kinds.items()
             if not isinstance(robot if x == "module" else getattr(self, x), kind)
         ]
-        led = [] if faults else [*self.points.items(), *self.orientations.items()]
+        every = (self.points, self.orientations, self.told)
+        led = [] if faults else [pair for some in every for pair in some.items()]
         if any(not isinstance(x, str) or not callable(path) for x, path in led):
-            faults = [("points and orientations", paths)]
+            faults = [("points, orientations and told", paths)]
         if not faults and not all(isinstance(wall, Wall) for wall in self.walls):
             faults = [("walls", "walls, as `read_scenario(…).walls` has them")]
         for name, words in faults:
@@ -473,12 +485,13 @@ class Predictive:
             *((f"orientations[{x!r}]", path, (3, 3)) for x, path in self.orientations.items()),
             ("posture", self.posture, (len(self.hover.q),)),
             ("feedforward", self.feedforward, (len(self.hover.u),)),
+            *((f"told[{x!r}]", path, self.horizon.told[x]) for x, path in self.told.items()),
         ]
         for name, path, shape in paths:
             if path is None:
                 continue
-            words = ", ".join(map(str, shape))
-            words = f"a function that returns finite numbers (n, {words}) at times (n)"
+            words = ", ".join(map(str, ("n", *shape)))
+            words = f"a function that returns finite numbers ({words}) at times (n)"
             values = numbers(f"predictive: {name}", path(self._ahead[:2]), words, (2, *shape))
             if shape == (3, 3):
                 off = np.abs(values @ values.swapaxes(1, 2) - np.eye(3)).max()
@@ -535,6 +548,7 @@ class Predictive:
         ]
         if lacks := [name for name in needed if name not in has]:
             raise MissingFunctionError(self.module.NAME, lacks, options_with(lacks, has))
+        self._check_cost(robot)
         for name in _BY_JOINT:
             count = self._count(name)
             joints, wheels = len(robot.layout.q.joint_places), robot.layout.q.wheels
@@ -570,6 +584,37 @@ class Predictive:
             raise UsageError(
                 'predictive: method must be "trapezoidal" or "rk4", not '
                 f"{printable(str(self.method))}"
+            )
+
+    def _check_cost(self, robot: Functions) -> None:
+        """Raise `UsageError` for a cost that is not one of the nodes of this machine."""
+        told, cost, name = {*self.told}, self.cost, robot.name
+        if cost is not None:
+            nodes = (*robot.state(), variable("u", robot.inputs), variable("time"))
+            own = dict(zip(("q", "v", "u", "time"), nodes, strict=True))
+            inputs = [*zip(cost.names, cost.inputs, strict=True)]
+            pairs = [(x, own[key]) for key, x in inputs if key in own]
+            modules = {*owners_of(cost), *(module for module, _ in functions_of(cost))}
+            output, *more = cost.outputs.values()
+            is_vector = not more and len(output.shape) == 1 and output.space is None
+            for is_right, words in (
+                (is_vector, "have one output, a vector"),
+                (({*own} - {"time"}) & {*cost.names}, "have q, v or u among its inputs"),
+                (
+                    all((x.shape, x.space) == (y.shape, y.space) for x, y in pairs),
+                    f"have q, v and u as `Functions` of {name} makes them, and a number time",
+                ),
+                (not any(x.is_uniform for _, x in inputs), "have no uniform inputs"),
+                (modules <= {robot.owner, name}, f"call functions of {name} alone"),
+                (not externals_of(cost), "call nothing that is written by hand"),
+            ):
+                if not is_right:
+                    raise UsageError(f"predictive: cost: {cost.name} must {words}")
+            told ^= {*cost.names} - {*own}
+        if told:
+            raise UsageError(
+                "predictive: told must have a function of times for each input of the cost beside "
+                f"q, v, u and time, and no more; it differs by {', '.join(sorted(told))}"
             )
 
     @cached_property
@@ -771,11 +816,17 @@ class Predictive:
             u = self._inputs + moved @ pushing[:, places].T
         else:
             u = self._inputs
+        led = [*self._told(times), *led]
         first, *parts = self._wishes
         for wish, part in zip(parts, (q[:-1], v, u), strict=True):
             wish[:] = part
         if led:
             np.concatenate([x[:-1] for x in led], axis=1, out=first)
+
+    def _told(self, times: Array) -> list[Array]:
+        """What the cost of one's own is told at times (n), s, in rows (n, …)."""
+        paths = {"time": lambda at: at, **self.told}
+        return [np.reshape(paths[name](times), (len(times), -1)) for name in self.horizon.told]
 
     def _led(self, path: Array, place: Array, times: Array) -> Array:
         """A path (n, 3), m, at times (n), s, that begins near a place and does not jump.
@@ -884,13 +935,14 @@ class Predictive:
         nd = horizon.robot.space.displacements
         before = self._inputs if horizon.changes else np.zeros(0)
         x = np.concatenate([hover.q, v, self._settled, before])
-        program = horizon.node()
+        # Costs of one's own may be least elsewhere.
+        program, told = replace(horizon, cost=None).node(), self._told(np.zeros(1))
         arguments = {
             "u": self._inputs,
             "x": x,
             "x_next": x,
             "h": self.step,
-            "reference": self._hovering(),
+            "reference": self._hovering()[sum(x.size for x in told) :],
             "weights": arrays["weights"],
             "lag_times": arrays["lag_times"][: horizon.lag_times],
             "around": arrays["around"],
@@ -922,6 +974,7 @@ class Predictive:
         parts = [poses[frame, :3, 3] for frame in self.horizon.points]
         parts += [poses[frame, :3, :3].ravel() for frame in self.horizon.orientations]
         still = np.zeros(self.horizon.robot.space.velocities)
+        parts = [*(x[0] for x in self._told(np.zeros(1))), *parts]
         return np.concatenate([*parts, hover.q, still, self._inputs])
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import lsq_linear
+from scipy.optimize import lsq_linear, minimize
 from support import blown
 from support.actuated import TEXT, actuated
 from support.compiled import build
@@ -19,6 +19,7 @@ from support.kept import kept_folder, made_once
 from support.tools import run
 
 from gibbs_codegen import Simulation, trim
+from gibbs_codegen.arrays import Functions, Program, dot, join, square_root, variable
 from gibbs_codegen.arrays.evaluation import evaluate
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import UsageError
@@ -235,6 +236,93 @@ def flown(controller: Predictive) -> list[tuple[Any, Any, Any]]:
     return found
 
 
+def test_a_cost_of_ones_own_is_that_of_tolerances(either: ModuleType) -> None:
+    """What looser tolerances leave of weights is asked for by a program."""
+    robot = Functions(either)
+    (q, v), u, target = robot.state(), variable("u", robot.inputs), variable("target", 3)
+    place, turning = either.FRAMES.index("tip"), robot.layout.v.attitude
+    tip = join(*(robot.frame_poses(q)[place][row][3] for row in range(3)))
+    near = controller_of(either)._first_point + 0.02
+    path = {"tip": lambda t: np.tile(near, (len(t), 1))}
+    asked: dict[str, Any] = {"points": path, "orientations": {}, "farthest": 1.0}
+    exact = controller_of(either, tolerances=Tolerances(thrust=2.0), **asked)
+    most = exact.hover.u[: robot.rotors]
+    left = np.sqrt(0.75) * np.array([1.0 / 0.002, 1.0, 1.0 / 2.0])
+    wishes = left[0] * (tip - target), left[1] * v[turning], left[2] * (u[: robot.rotors] - most)
+    loose = Tolerances(
+        0.004, angular_velocity=2.0, thrust=4.0, effort=exact._weights()["inputs"][-1] ** -0.5
+    )
+    own = replace(
+        exact,
+        tolerances=loose,
+        cost=Program("own", (v, target, u, q), {"missed": join(*wishes)}),
+        told={"target": path["tip"]},
+    )
+    own._compiled.arrays["ahead"][:] = exact._compiled.arrays["ahead"]
+    x, still = exact.hover.q, np.zeros(len(either.VELOCITIES))
+    for k in range(3):
+        planned = [each.inputs(k * STEP, x, still) for each in (exact, own)]
+        np.testing.assert_allclose(planned[1], planned[0], rtol=1e-9)
+        assert own.log[-1].solved
+        assert own.log[-1].cost == pytest.approx(exact.log[-1].cost, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_a_cost_of_ones_own_is_as_small_as_scipy_makes_it(module: ModuleType) -> None:
+    """The tip is to stay off a ball that moves: over all inputs of a horizon without limits."""
+    robot, centre = Functions(module), variable("centre", 3)
+    (q, _), time = robot.state(), variable("time")
+    place, gain, far = module.FRAMES.index("tip"), 40.0, 0.3
+    off = join(*(robot.frame_poses(q)[place][row][3] for row in range(3))) - centre
+    asked = {"off": join(gain * (square_root(dot(off, off)) - far), 3.0 * time * q[:2])}
+    wide = circling(module).actuators
+    begin = circling(module)._first_point
+
+    def ball(times: Any) -> Any:
+        return begin + np.outer(times - 1.7, [0.0, 0.5, 0.0]) + np.array([0.25, 0.0, 0.0])
+
+    own = controller_of(
+        module,
+        points={"tip": lambda t: np.tile(begin, (len(t), 1))},
+        orientations={},
+        tolerances=Tolerances(point=0.05),
+        actuators=wide,
+        nodes=3,
+        iterations=100,
+        cost=Program("off_a_ball", (q, centre, time), asked),
+        told={"centre": ball},
+    )
+    now, still = 2.0, np.zeros(len(module.VELOCITIES))
+    own.inputs(now, own.hover.q, still)
+    told, horizon = own._compiled.arrays, replace(own.horizon, cost=None)
+    times = now + STEP * np.arange(4)
+    references = told["reference"][:, 4:]
+
+    def costs(u: Any) -> Any:
+        """Of inputs (n, 3 nu)."""
+        x, total = np.tile(np.r_[own.hover.q, still], (len(u), 1)), np.zeros(len(u))
+        given = {"h": STEP, "weights": told["weights"], "ahead": told["ahead"]}
+        for k, inputs in enumerate([*np.split(u, 3, axis=1), None]):
+            way = module.frame_poses(x[:, : len(own.hover.q)])[:, place, :3, 3] - ball(
+                times[k : k + 1]
+            )
+            missed = gain * (np.linalg.norm(way, axis=1) - far)
+            total += 0.5 * (missed**2 + np.sum((3.0 * times[k] * x[:, :2]) ** 2, axis=1))
+            given |= {"x": x, "x_next": x, "u": inputs, "reference": references[k]}
+            found = value(own, horizon.end() if inputs is None else horizon.values(), given)
+            total += found["cost"]
+            if inputs is not None:
+                x = value(own, horizon.moved(), {"x": x, "displacement": found["gap"]})["x_next"]
+        return total
+
+    def slope(u: Any) -> Any:
+        steps = 1e-5 * np.eye(len(u))
+        return (costs(u + steps) - costs(u - steps)) / 2e-5
+
+    best = minimize(lambda u: costs(u[np.newaxis])[0], np.tile(own.hover.u, 3), jac=slope, tol=1e-6)
+    assert own.log[-1].cost == pytest.approx(best.fun, rel=1e-6)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("compiler", "macros"), [("clang", ["SINGLY"])])
 def test_c_has_the_inputs_of_python(
@@ -271,6 +359,21 @@ def test_c_has_the_inputs_of_python(
     assert all(instant.solved for instant in controller.log)
 
 
+def wrong_costs(module: ModuleType) -> list[tuple[Any, Any, str]]:
+    """Inputs and outputs of programs that are no costs, and what is said of them."""
+    robot, plain, time = Functions(module), variable("q", len(module.COORDINATES)), variable("time")
+    (q, v), ball = robot.state(), variable("ball", 3)
+    other = Functions(module, "plant")
+    return [
+        ((q, v), {"a": v, "b": v}, "one output, a vector"),
+        ((v,), {"a": dot(v, v)}, "one output, a vector"),
+        ((time,), {"a": join(time, 1.0)}, "q, v or u among its inputs"),
+        ((plain,), {"a": plain[:2]}, "`Functions` of .* makes them"),
+        ((v, ball), {"a": join(v, ball)}, "it differs by ball"),
+        ((q,), {"a": other.frame_poses(q)[1][0]}, "call functions of .* alone"),
+    ]
+
+
 @pytest.mark.slow
 def test_what_is_wrong_is_told(module: ModuleType) -> None:
     for changes, words in (
@@ -294,12 +397,18 @@ def test_what_is_wrong_is_told(module: ModuleType) -> None:
             r"points\['tip'\]: must be a function",
         ),
         ({"posture": lambda t: np.full((len(t), 8), np.nan)}, "posture: must be .* NaN"),
-        ({"points": {"tip": 3.0}}, "points and orientations must be functions of times"),
-        ({"points": {3: len}}, "points and orientations must be functions of times"),
+        ({"points": {"tip": 3.0}}, "points, orientations and told must be functions of"),
+        ({"points": {3: len}}, "points, orientations and told must be functions of"),
         ({"parameters": 3.0}, "parameters must be numbers by names"),
         ({"rates": "fast"}, "rates: must be above 0, one or as many as inputs, not 'fast'"),
         ({"rates": [1.0, 2.0]}, r"rates: must be above 0, .* shape \(2,\)"),
         ({"tolerances": Tolerances(joints=[0.1, 0.1])}, "one for each of the 1 joints"),
+        ({"cost": 3.0}, "cost must be a `Program`"),
+        ({"told": {"ball": len}}, "told must have .* it differs by ball"),
+        *(
+            ({"cost": Program("own", inputs, outputs)}, words)
+            for inputs, outputs, words in wrong_costs(module)
+        ),
         *(
             ({"orientations": {"tip": lambda t, x=x: np.tile(x, (len(t), 1, 1))}}, "rotation matri")
             for x in (np.zeros((3, 3)), np.diag([1.0, 1.0, -1.0]), 2.0 * np.eye(3))
