@@ -1,9 +1,10 @@
-"""Whether numbers are as sure as identify says: python -m benchmarks.identify_repeats RUNS SECONDS.
+"""Whether numbers are as sure as identify says: identify_repeats RUNS SECONDS [ROBOT].
 
-A quadrotor with throttles and an arm on servos, whose numbers are not those of its file, flies in
-gusts of 5 % of its weight. Its IMU, motion capture and encoders err. Prints of each number the
-root-mean-square error, the deviation that `identify` tells, and how often its band of 95 % holds.
-Ctrl-C ends it with the flights so far.
+`python -m benchmarks.` of it: `quadrotor_arm_2link` or `hextilt_flying_arm_5`, with throttles and
+an arm on servos, whose numbers are not those of its file, flies in gusts of 5 % of its weight. Its
+IMU, motion capture and encoders err. Prints of each number the root-mean-square error, the
+deviation that `identify` tells, and how often its band of 95 % holds. Ctrl-C ends it with the
+flights so far.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from gibbs_codegen import Recording, generate, identify, load
 from gibbs_codegen.identification.model import Model
+from gibbs_codegen.identification.unknowns import Unknowns
 from gibbs_codegen.robot.file import read_robot
 
 Array = np.ndarray
@@ -26,10 +28,19 @@ RATE, GRAVITY, WIND, DRAG = 200, 9.81, 0.05, 0.25
 SERVO = (
     "armature = 1e-3\nservo = {{ stiffness = 30, damping = {}, delay = 0.02, rate = 6 }}\neffort"
 )
-FILE = {
-    "limits        = [0, 14]": 'command = "throttle"\nmax_thrust = 14\nthrust_model_factor = 0.8',
-    "effort     = 4": SERVO.format(0.6) + " = 4",
-    "effort     = 3": SERVO.format(0.4) + " = 3",
+THROTTLE = 'command = "throttle"\nmax_thrust = {}\nthrust_model_factor = 0.8'
+LAG = "\ntime_constant = 0.04"
+FILES = {
+    "quadrotor_arm_2link": {
+        "limits        = [0, 14]": THROTTLE.format(14),
+        "effort     = 4": SERVO.format(0.6) + " = 4",
+        "effort     = 3": SERVO.format(0.4) + " = 3",
+    },
+    "hextilt_flying_arm_5": {
+        "limits = [0.0854858, 10.3437818]": THROTTLE.format(10.3437818) + LAG,
+        "effort = 1.0": SERVO.format(0.6) + " = 1.0",
+        "effort = 0.3": SERVO.format(0.4) + " = 0.3",
+    },
 }
 # What the numbers truly are, times those of the file.
 FACTORS = {
@@ -42,6 +53,8 @@ FACTORS = {
     "base_inertia_xx": 1.15,
     "base_inertia_yy": 0.88,
     "base_inertia_zz": 1.1,
+}
+QUADROTOR = FACTORS | {
     "upper_arm_com_z": 1.08,
     "forearm_mass": 1.2,
     "forearm_com_z": 1.15,
@@ -55,7 +68,25 @@ FACTORS = {
     "upper_arm_servo_delay": 1.4,
     "forearm_servo_delay": 1.4,
 }
-ROTORS = "front_left", "rear_left", "rear_right", "front_right"
+# Joints of the other: factors of stiffness, damping and delay of each; then numbers of links.
+HEXTILT = FACTORS | {
+    f"flying_arm_5__link_{link}_{end}": factor
+    for link, factors in enumerate([(0.8, 0.8), (1.2, 1.25), (0.9, 1.2), (1.1, 0.8), (1.2, 0.9)], 1)
+    for end, factor in zip(
+        ["servo_stiffness", "servo_damping", "servo_delay"], [*factors, 1.4], strict=True
+    )
+}
+HEXTILT |= {
+    "flying_arm_5__link_1_mass": 1.1,
+    "flying_arm_5__link_1_com_x": 1.08,
+    "flying_arm_5__link_2_mass": 0.85,
+    "flying_arm_5__link_2_com_x": 1.15,
+    "flying_arm_5__link_3_com_y": 1.2,
+    "flying_arm_5__link_4_mass": 1.15,
+    "flying_arm_5__link_4_com_x": 0.9,
+    "flying_arm_5__link_5_mass": 1.3,
+}
+NUMBERS = {"quadrotor_arm_2link": QUADROTOR, "hextilt_flying_arm_5": HEXTILT}
 # Sums of waves, by amplitude (m or rad), rad/s and phase: of x, y, z, heading and joints.
 WAVES = np.array(
     [
@@ -65,20 +96,25 @@ WAVES = np.array(
         [(0.5, 0.9, 0), (0.2, 3.1, 1), (0, 0, 0)],
         [(0.5, 1.1, 0), (0.25, 4.3, 1), (0.08, 11, 0)],
         [(0.6, 1.9, 1), (0.3, 5.1, 0), (0.08, 13, 2)],
+        [(0.5, 1.4, 2), (0.25, 4.7, 0), (0.08, 12, 1)],
+        [(0.6, 1.6, 0), (0.3, 5.7, 2), (0.08, 14, 0)],
+        [(0.5, 2.1, 1), (0.25, 3.9, 2), (0.08, 10, 1)],
     ]
 )
-REST = np.array([0.0, 0.0, 2.0, 0.0, 0.2, 0.3])
+REST = np.array([0.0, 0.0, 2.0, 0.0, 0.2, 0.3, 0.2, 0.3, 0.2])
 
 
 def wanted(t: float, order: int) -> Array:
-    """A derivative (6) of place, heading and joints, faded in."""
+    """A derivative (9) of place, heading and five joints, faded in."""
     a, w, phase = np.moveaxis(WAVES, 2, 0)
     waves = np.sum(a * w**order * np.sin(w * t + phase + 0.5 * np.pi * order), axis=1)
     return min(t / 2.0, 1.0) * waves + (REST if order == 0 else 0.0)
 
 
 def commands(module: ModuleType, t: float, q: Array, v: Array) -> Array:
-    """Throttles and positions of servos (runs, 6), by errors and the numbers of the file."""
+    """Throttles and positions of servos (runs, nu), by errors and the numbers of the file."""
+    joints = q.shape[1] - 7
+    rotors = len(module.INPUTS) - joints
     turn, (place, rate, pull) = Rotation.from_quat(q[:, 3:7]), (wanted(t, k) for k in range(3))
     up = pull[:3] + 2.0 * (place[:3] - q[:, :3]) + 2.5 * (rate[:3] - turn.apply(v[:, :3]))
     up[:, 2] += GRAVITY
@@ -91,12 +127,11 @@ def commands(module: ModuleType, t: float, q: Array, v: Array) -> Array:
     slow = v[:, 3:6] - turn.inv().apply([0.0, 0.0, rate[3]])
     a[:, 3:6] = [70.0, 70.0, 12.0] * (turn.inv() * aim).as_rotvec() - [14.0, 14.0, 6.0] * slow
     force, matrix = module.inverse_dynamics(q, v, a), module.input_matrix(q)
-    thrusts = np.linalg.pinv(matrix[:, 2:6, :4]) @ force[:, 2:6, np.newaxis]
-    inputs = np.concatenate([np.clip(thrusts[..., 0], 0.3, None), np.zeros((len(q), 2))], axis=1)
-    found = module.command_of(q, v, inputs)
-    return np.concatenate(
-        [np.clip(found[:, :4], 0.0, 1.0), np.tile(place[4:], (len(q), 1))], axis=1
-    )
+    rows = slice(6 - rotors, 6)  # Four push along z and turn, six in all directions.
+    thrusts = np.linalg.pinv(matrix[:, rows, :rotors]) @ force[:, rows, np.newaxis]
+    inputs = np.pad(np.clip(thrusts[..., 0], 0.3, None), [(0, 0), (0, joints)])
+    throttles = np.clip(module.command_of(q, v, inputs)[:, :rotors], 0.0, 1.0)
+    return np.concatenate([throttles, np.tile(place[4 : 4 + joints], (len(q), 1))], axis=1)
 
 
 def flown(
@@ -109,7 +144,8 @@ def flown(
     machine, left = model.machine(plant), np.exp(-h)
     gust = WIND * GRAVITY / np.sqrt(2.5) * np.array([1.0, 1.0, np.sqrt(0.5)])
     pull = gust * rng.standard_normal((runs, 3))
-    q, v = np.tile([*REST[:3], 0, 0, 0, 1, *REST[4:]], (runs, 1)), np.zeros((runs, model.nv))
+    joints = REST[4 : model.nv - 2]
+    q, v = np.tile([*REST[:3], 0, 0, 0, 1, *joints], (runs, 1)), np.zeros((runs, model.nv))
     x = np.tile(module.actuator_state_of(commands(module, 0.0, q, v)[0]), (runs, 1))
     rows = []
     for k in range(round(seconds * RATE)):
@@ -137,31 +173,29 @@ def recorded(q: Array, command: Array, felt: Array, seed: int) -> Recording:
     return Recording(np.arange(len(q)) / RATE, command, q, {"base": felt})
 
 
-def main(count: int, seconds: float) -> None:
+def main(count: int, seconds: float, robot: str = "quadrotor_arm_2link") -> None:
     """Fly, identify and print a row for each number."""
+    factors = NUMBERS[robot]
     with tempfile.TemporaryDirectory() as folder:
-        text = read_robot("quadrotor_arm_2link")[1]
-        for old, new in FILE.items():
+        text = read_robot(robot)[1]
+        for old, new in FILES[robot].items():
             text = text.replace(old, new)
         (Path(folder) / "robot.toml").write_text(text, "utf-8")
         module = load(generate(Path(folder) / "robot.toml", folder, verify=False), "c")
-        members = {
-            name: [name.replace("rotors.", f"{r}_") for r in ROTORS] if "." in name else [name]
-            for name in FACTORS
-        }
-        plant = {n: module.PARAMETERS[n] * x for k, x in FACTORS.items() for n in members[k]}
+        members = Unknowns(module, [*factors], 0.3).members
+        plant = {n: module.PARAMETERS[n] * x for k, x in factors.items() for n in members(k)}
         flights = flown(module, plant, count, seconds)
         found, times = [], []
         try:
             for run, flight in enumerate(zip(*flights, strict=True), start=1):
                 begin = time.process_time()
-                found.append(identify(module, recorded(*flight, run), [*FACTORS]))
+                found.append(identify(module, recorded(*flight, run), [*factors]))
                 times.append(time.process_time() - begin)
                 print(f"{run}: {times[-1]:.1f} s", file=sys.stderr, flush=True)
         except KeyboardInterrupt:
             print("stopped", file=sys.stderr)
     names = found[0].names
-    exact = np.array([plant[members[name][0]] for name in names])
+    exact = np.array([plant[members(name)[0]] for name in names])
     values, deviations = (
         np.array([getattr(f, k) for f in found]) for k in ("values", "deviations")
     )
@@ -175,4 +209,4 @@ def main(count: int, seconds: float) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), float(sys.argv[2]))
+    main(int(sys.argv[1]), float(sys.argv[2]), *sys.argv[3:])

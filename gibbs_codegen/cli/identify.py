@@ -14,7 +14,7 @@ from gibbs_codegen.files.toml import changes_of
 from gibbs_codegen.identification.design import Design, design
 from gibbs_codegen.identification.identify import (
     Identified,
-    check_logs,
+    check_given,
     check_new,
     identify,
 )
@@ -26,7 +26,7 @@ def run(options: argparse.Namespace) -> int:
     """Identify the numbers, write robot file and report, and print the report; or design."""
     names, place = changes_of(options.name), options.design or options.out
     check_new(place)
-    check_logs(options.logs)
+    check_given(options.logs, options.prior, options.hold_out)
     if bool(options.logs) == bool(options.design):
         raise UsageError("give a LOG to identify from, or --design FILE for a motion that tells")
     # What a load changes, and places of frames, may be 0 in the file.

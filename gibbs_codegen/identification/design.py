@@ -209,7 +209,7 @@ class _Experiment:
         self._lean = _LEAN * full
         self._count = count
         self._model: Model | None = None
-        self._wind: float | None = None
+        self._wind: Array | None = None
         self.size = (len(self._axes) + len(self._joints)) * count + self._turns
 
     def tables_of(self, x: Array) -> dict[str, Any]:

@@ -156,18 +156,16 @@ def identify(
     Raises:
         UsageError: If a log or a pattern is not of the robot, or it has loops.
     """
-    module = identifiable(robot)
-    if not prior > 0.0:
-        raise UsageError(f"prior must be above 0, but is {prior:g}")
-    if not 0.0 <= hold_out <= 0.9:
-        raise UsageError(f"hold_out, a share, must be from 0 to 0.9, but is {hold_out:g}")
     listed = [logs] if isinstance(logs, Flight | Recording | str | os.PathLike) else [*logs]
-    check_logs(listed)
+    check_given(listed, prior, hold_out)
+    module = identifiable(robot)
     whole = [part for log in listed for part in _recordings(log, module, names or {})]
     spans = [slice(*np.searchsorted(log.time, between).tolist()) for log in whole]
     recordings = [part for log, rows in zip(whole, spans, strict=True) for part in cut(log, [rows])]
     if not recordings:
-        raise UsageError(f"between: no log has enough from {between[0]:g} to {between[1]:g} s")
+        lasts = ", ".join(f"{log.source} lasts {log.time[-1]:.4g} s" for log in whole)
+        words = f"no log has enough from {between[0]:g} to {between[1]:g} s; {lasts}"
+        raise UsageError(f"between: {words}")
     unknowns, frames = Unknowns(module, free, prior), imus_of(module, recordings[0])
     model = model_of(module, recordings)
     if odd := [r for r in recordings if abs(r.step / model.h - 1.0) > 0.01]:
@@ -202,7 +200,7 @@ def identify(
             estimate.shared[: len(begin)] = begin
         else:
             estimate.shared = start
-        slacks = _SLACKS if start is None else _SLACKS[-1:]
+        slacks = _SLACKS[start is not None :]
 
         def tell(detail: str, share: float) -> None:
             progress(f"{what}: {detail}", share)
@@ -246,8 +244,12 @@ def model_of(module: ModuleType, recordings: Sequence[Recording]) -> Model:
     return Model(module, recordings[0].step, places, input_noise(recordings, module))
 
 
-def check_logs(logs: Sequence[Log]) -> None:
-    """Raise `UsageError` for a path at which there is nothing."""
+def check_given(logs: Sequence[Log], prior: float, hold_out: float) -> None:
+    """Raise `UsageError` for a path at which there is nothing, or shares that are none."""
+    if not prior > 0.0:
+        raise UsageError(f"prior must be above 0, but is {prior:g}")
+    if not 0.0 <= hold_out <= 0.9:
+        raise UsageError(f"hold_out, a share, must be from 0 to 0.9, but is {hold_out:g}")
     for log in logs:
         if isinstance(log, str | os.PathLike) and not Path(log).exists():
             raise UsageError(f"{printable(log)}: is not there; give a log")
@@ -305,14 +307,17 @@ def _by_motion(
     # What is not explained by noise makes numbers less certain than noise alone would.
     doubt = max(1.0, float(spread.max()), float(estimate.left.max())) ** 2
     whole = doubted(estimate.covariance, smoother.prior, doubt)
-    names = [f"pose, along {name}" for name, _ in smoother.model.layout.displacements]
+    names = [name for name, _ in smoother.model.layout.displacements]
+    joints = {*names[smoother.model.layout.displaced.joints]}
+    names = [f"joint, {name}" if name in joints else f"pose, along {name}" for name in names]
     names += [f"IMU at {frame}, {what}" for frame in frames for what in _FELT]
     labels = ["drag of the base, N s/m"] * smoother.model.free
     labels += [f"bias of the IMU at {frame}, {what}" for frame in frames for what in _FELT]
     rest = zip(estimate.shared[f:], np.sqrt(np.diag(whole))[f:], strict=True)
     others = {label: (float(x), float(s)) for label, (x, s) in zip(labels, rest, strict=True)}
     if smoother.model.free:
-        others["wind's pull, deviation, m/s²"] = estimate.wind, float("nan")
+        for axis, size in zip("xyz", estimate.wind.tolist(), strict=True):
+            others[f"wind's pull along {axis}, deviation, m/s²"] = size, float("nan")
     else:
         for name, error in zip(module.INPUTS, smoother.model.noise.tolist(), strict=True):
             others[f"error of the input {name}, deviation"] = error, float("nan")

@@ -45,8 +45,8 @@ _CHUNK, _ALL, _EVERY = 1024, slice(None), 4
 # Changes of shared numbers, of their deviations, and shares of strengths, that are none;
 # iterations at most, and changes of unknowns at once.
 _SETTLED, _SAME, _MOST, _FAR = 0.05, 0.1, 30, 0.5
-# Shares of the last change at which one has not become less, and of a change at least.
-_SHRINKS, _LEAST = 0.7, 0.1
+# The least share of a change that is taken.
+_LEAST = 0.1
 
 
 @dataclass
@@ -54,14 +54,14 @@ class Estimate:
     """Numbers and motion: what is shared (unknowns, drag, biases), states, and their fit.
 
     `covariance` is that of what is shared; `misses` (s, m) are readings over their deviations, NaN
-    where there is none, and `left` (n) root mean squares of what steps leave;
-    `wind` is the deviation of the pull, and `settled` whether steps have come to an end. `tilt` is
-    the slope of how certain states are, along what is shared.
+    where there is none, and `left` (n) root mean squares of what steps leave; `wind` (pulls) are
+    deviations of the pull, and `settled` whether steps have come to an end. `tilt` is the slope of
+    how certain states are, along what is shared.
     """
 
     shared: Array
     state: dict[str, Array]
-    wind: float = _WIND
+    wind: Array
     slack: float = 1.0
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     misses: Array = field(default_factory=lambda: np.zeros((0, 0)))
@@ -109,7 +109,7 @@ class Smoother:
 
     def start(self) -> Estimate:
         """The numbers of the robot file, and the motion by filtered readings."""
-        wind = _WIND if self.model.free else 1.0
+        wind = np.full(self.model.pulls, _WIND if self.model.free else 1.0)
         return Estimate(np.zeros(len(self.prior)), self.first, wind)
 
     def stepped(
@@ -134,8 +134,8 @@ class Smoother:
         return misses, gaps, estimate.shared / self.prior
 
     def _step_weights(self, estimate: Estimate) -> Array:
-        calm = 1.0 / (estimate.wind * float(np.sqrt(1.0 - self.left**2)))
-        return np.array([*self.step_weights / estimate.slack, *[calm] * self.model.pulls])
+        calm = 1.0 / (estimate.wind * np.sqrt(1.0 - self.left**2))
+        return np.concatenate([self.step_weights / estimate.slack, calm])
 
     def _part(self, estimate: Estimate, free: int, residuals: Array, rows: slice) -> list[Array]:
         """Of the normal equations what some samples give.
@@ -226,41 +226,33 @@ class Smoother:
         return tilt / steps
 
     def _solved(
-        self, estimate: Estimate, free: int, share: float = 1.0
-    ) -> tuple[Array, Array, float, Array]:
-        """Changes of what is shared, a share of the whole, and of the states (s, n) that fit them.
-
-        Then the whole, the greatest over its deviation, and the covariance of what is shared.
-        """
+        self, estimate: Estimate, free: int
+    ) -> tuple[Array, Array, Callable[[Array], Array]]:
+        """Changes of what is shared, its covariance, and what changes of states (s, n) fit some."""
         diagonal, lines, corner, _ = self._eliminated(estimate, free)
         n = diagonal.shape[-1]
         flat = lines[..., n:].reshape(-1, free + 1)
         corner = corner - flat.T @ flat
         if not np.isfinite(corner).all():
-            return (
-                np.zeros(free),
-                np.zeros(lines.shape[:2]),
-                np.nan,
-                np.diag(self.prior[:free] ** 2),
-            )
+            unknown = np.full(lines.shape[:2], np.nan)
+            return np.zeros(free), np.diag(self.prior[:free] ** 2), lambda _: unknown
 
         # Readings add to what the prior tells; rounding, of equations that are so sure, may not.
         scale = self.prior[:free, np.newaxis]
         told, ways = np.linalg.eigh(corner[:free, :free] * scale * scale.T)
         covariance = (scale * ways / np.maximum(told, 1.0)) @ (scale * ways).T
-        shared = -covariance @ corner[:free, -1]
-        size = np.max(np.abs(shared) / np.sqrt(np.diag(covariance)), initial=0.0)
-        unknowns = shared[: len(self.unknowns.names)]
-        shared *= share * min(1.0, _FAR / np.max(np.abs(unknowns), initial=_FAR))
-        local = -lines[..., n:] @ np.append(shared, 1.0)
-        later = np.zeros(n)
-        for k in range(len(local) - 1, -1, -1):
-            local[k] = later = diagonal[k].T @ (local[k] - lines[k, :, :n] @ later)
-        return shared, local, float(size), covariance
 
-    def covariance(self, estimate: Estimate, free: int | None = None) -> Array:
-        """The covariance of what is shared, or of the first `free`, by slopes of readings."""
-        return self._solved(estimate, len(self.prior) if free is None else free)[-1]
+        def states(shared: Array) -> Array:
+            local, later = -lines[..., n:] @ np.append(shared, 1.0), np.zeros(n)
+            for k in range(len(local) - 1, -1, -1):
+                local[k] = later = diagonal[k].T @ (local[k] - lines[k, :, :n] @ later)
+            return local
+
+        return -covariance @ corner[:free, -1], covariance, states
+
+    def covariance(self, estimate: Estimate) -> Array:
+        """The covariance of what is shared, by slopes of readings."""
+        return self._solved(estimate, len(self.prior))[1]
 
     def run(
         self,
@@ -273,16 +265,23 @@ class Smoother:
 
         Steps may leave `slacks` times as much in the first iterations. Costs are no guide on the
         way: a step that changes numbers leaves what equations that are so sure punish at once, and
-        the next one takes back. Where changes do not become less, numbers take a share of them.
+        the next one takes back. So numbers take a share of their changes, by the last one (Aitken).
         """
-        free, last, share = len(self.prior) if numbers else 0, 0.0, 1.0
+        free, last, share = len(self.prior) if numbers else 0, np.zeros(0), 1.0
         for iteration in range(_MOST):
             early = iteration < len(slacks)
             estimate = replace(estimate, slack=slacks[iteration] if early else 1.0)
             with np.errstate(all="ignore"):
-                change, local, size, covariance = self._solved(estimate, free, share)
+                change, covariance, states = self._solved(estimate, free)
+                off = change / np.sqrt(np.diag(covariance))
+                if last.size:
+                    turn = off - last
+                    share = float(np.clip(-share * (last @ turn) / (turn @ turn), _LEAST, 1.0))
+                unknowns = change[: len(self.unknowns.names)]
+                change *= share * min(1.0, _FAR / np.max(np.abs(unknowns), initial=_FAR))
+                local = states(change)
             estimate = replace(estimate, covariance=covariance)
-            if not np.isfinite(size):
+            if not np.isfinite(local).all():
                 break
             shared = estimate.shared.copy()
             shared[:free] += change
@@ -290,18 +289,18 @@ class Smoother:
             estimate = replace(estimate, shared=shared, state=state)
             before = estimate.wind
             if self.model.free and not early:
-                estimate.wind = max(_CALM, float(np.sqrt(np.mean(state["pull"] ** 2))))
-            tell(f"iteration {iteration + 1}, change {size:.2g}", 1.0 - 1.0 / (2.0 + iteration))
+                estimate.wind = np.maximum(_CALM, np.sqrt(np.mean(state["pull"] ** 2, axis=0)))
+            size, was = (float(np.max(np.abs(x), initial=0.0)) for x in (off, last))
+            detail = f"iteration {iteration + 1}" + f", change {size:.2g}" * numbers
+            tell(detail, 1.0 - 1.0 / (2.0 + iteration))
             if early:
                 continue
             # What further iterations would change, if each changes less by the same factor.
-            rest = size**2 / max(last - size, 0.1 * size, 1e-9)
-            if last and size > _SHRINKS * last:
-                share = max(0.5 * share, _LEAST)
-            same, last = abs(np.log(before / estimate.wind)) < _SAME, size
+            rest = size**2 / max(was - size, 0.1 * size, 1e-9)
+            same, last = np.max(np.abs(np.log(before / estimate.wind))) < _SAME, off
             if same and (rest < _SETTLED if free else iteration > 2):
                 if free and estimate.tilt is None:
-                    estimate.tilt, last = self._tilt(estimate), 0.0
+                    estimate.tilt, last = self._tilt(estimate), np.zeros(0)
                     continue
                 estimate.settled = True
                 break

@@ -134,10 +134,13 @@ class Unknowns:
             if len(names) > 1:  # A pattern chooses no lengths, and rotors' numbers one by one.
                 names = [name for name in names if name in untold] or names
             if not names:
-                hint = near(pattern, self._members) or "."
+                carried = pattern.startswith(f"{_PAYLOAD}.")
+                known = {n.rpartition("_")[0] for n in self._loads()} if carried else self._members
+                hint = near(pattern, known) or "."
                 raise UsageError(
-                    f"--free {printable(pattern)}: {self.module.NAME} has none{hint} Free by "
-                    f"default are {', '.join(by_default)}; `gibbs-codegen info` has all numbers"
+                    f"--free {printable(pattern)}: {self.module.NAME} has none that is not 0 in "
+                    f"its file{hint} Free by default are {', '.join(by_default)}; `gibbs-codegen "
+                    "info` has all numbers"
                 )
             chosen |= dict.fromkeys(names)
         for name in [*chosen]:  # Of one moment alone some values are those of no body.
