@@ -113,6 +113,7 @@ _MODULES = {
     "flight.analysis.reachable_wrenches": ("reachable_wrenches",),
     "flight.analysis.trim": ("Trim", "trim"),
     "flight.control.observation": ("Observation",),
+    "flight.control.own_program": ("ProgramController",),
     "flight.control.predictive": ("Instant", "NoPlanError", "Predictive", "Tolerances"),
     "flight.figures.curves": ("reachable_wrenches_figure",),
     "flight.figures.results": ("write_results",),

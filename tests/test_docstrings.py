@@ -24,7 +24,10 @@ Definition = ast.FunctionDef | ast.ClassDef
 # One needs Gymnasium, so that `gibbs_codegen` does not export it; array programs are for those who
 # write laws of their own.
 BY_PATH = {
+    (PACKAGE / "flight" / "rollouts" / "torch_env.py", "TorchEnv"),
     (PACKAGE / "flight" / "rollouts" / "vector_env.py", "VectorEnv"),
+    (PACKAGE / "machine" / "policies.py", "network"),
+    (PACKAGE / "machine" / "policies.py", "policy_program"),
     (PACKAGE / "flight" / "autopilots" / "betaflight.py", "Betaflight"),
     (PACKAGE / "flight" / "autopilots" / "machine.py", "Machine"),
     (PACKAGE / "flight" / "autopilots" / "session.py", "fly"),

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from threading import Lock
 from typing import Any, NamedTuple, TypeAlias
@@ -725,6 +725,15 @@ class Program:
         return list(dict.fromkeys(y for x in invoked for y in (*x.inner, x)))
 
     @cached_property
+    def of_states(self) -> Program:
+        """The same of inputs each of which may differ from state to state."""
+        taken = {
+            x: variable(name, *x.shape, space=x.space)
+            for name, x in zip(self.names, self.inputs, strict=True)
+        }
+        return Program(self.name, tuple(taken.values()), substituted(self, taken))
+
+    @cached_property
     def readers(self) -> dict[Node, list[Node]]:
         """The nodes that read each node."""
         readers: dict[Node, list[Node]] = {x: [] for x in self.nodes}
@@ -767,7 +776,15 @@ def substituted(program: Program, arguments: Mapping[Node, Node]) -> dict[str, N
     made = dict(arguments)
     for x in program.nodes:
         if x not in made:
-            made[x] = node(x.operation, [made[y] for y in x.arguments], x.shape, x.space)
+            operation, given = x.operation, [made[y] for y in x.arguments]
+            if isinstance(operation, Invocation):
+                inner, varies = operation.program, [not y.is_uniform for y in given]
+                if any(
+                    y.is_uniform and differs
+                    for y, differs in zip(inner.inputs, varies, strict=True)
+                ):
+                    operation = replace(operation, program=inner.of_states)
+            made[x] = node(operation, given, x.shape, x.space)
     return {name: made[x] for name, x in program.outputs.items()}
 
 

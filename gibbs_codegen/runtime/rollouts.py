@@ -350,7 +350,7 @@ def _may_lag(time_constants: Any) -> bool:
         return True
 
 
-def _given(problem: Problem, parts: Parts, xp: Any) -> dict[str, Any]:
+def given_inputs(problem: Problem, parts: Parts, xp: Any) -> dict[str, Any]:
     """Inputs of programs with such parts, by name.
 
     What differs from state to state has axes (1 or n, 1 or steps) in front.
@@ -412,7 +412,7 @@ class Steps:
         self.parts = problem.parts if parts is None else parts
         self._program = program_of(problem.module, problem.method, self.parts)
         self._step = self._evaluator(self._program)
-        self._values = _given(problem, self.parts, xp)
+        self._values = given_inputs(problem, self.parts, xp)
 
     def begin(self) -> Carried:
         """States at the start."""
@@ -536,7 +536,7 @@ class _Run:
         constants = np.ascontiguousarray(_constants(problem), self._real)
         words = [self._address(constants), int(len(constants) > 1)]
         words.append([*METHODS].index(problem.method))
-        values = _given(problem, parts, np)
+        values = given_inputs(problem, parts, np)
         inputs = _inputs(problem.module, ALL) | _inputs(problem.module, parts)
         for name, is_shared in inputs.items():
             words += self._rows(values[name], is_shared) if name in values else [0, 0, 0]

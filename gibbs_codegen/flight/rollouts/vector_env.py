@@ -221,7 +221,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             self._now = replace(self._now, bristles=np.zeros((self.num_envs, strains)))
         self._decisions = np.zeros(self.num_envs, dtype=np.int64)
         self._parameters: dict[str, Array] = {}
-        self._target = self._now.q.copy(), self._now.v.copy()
+        self._target = self._now.q.copy(), self._now.v.copy(), self._now.v.copy()
         chosen_task = self._task(task)
         self._reward, self._observe = reward or chosen_task.reward, observe or chosen_task.observe
         self._terminated = terminated
@@ -538,7 +538,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             self._pushes = pushes
 
     def _aim(self) -> None:
-        """Tell coordinates that are wanted now (n, nq), and rates of their change (n, nv)."""
+        """Tell coordinates that are wanted (n, nq), rates of their change and of these (n, nv)."""
         parts, names = self._episodes, self._vehicle.module.VELOCITIES
         middle, size, rate, phase = (
             parts.table(what, names) for what in ("targets", "swings", "swing_rates", "phases")
@@ -546,7 +546,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         angle = rate * self._time()[:, np.newaxis] + phase
         hover = np.broadcast_to(self._hover, self._now.q.shape)
         q = self._vehicle.integrate(hover, middle + size * np.sin(angle))
-        self._target = q, size * rate * np.cos(angle)
+        self._target = q, size * rate * np.cos(angle), -size * rate * rate * np.sin(angle)
 
     def _sensed(self, now: Moment) -> Moment:
         """A moment with coordinates and velocities as sensors tell them."""
@@ -580,7 +580,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
 
     def _moment(self) -> Moment:
         now, places, thrusts = self._now, self._vehicle.layout.v, self._motors.thrusts
-        (target, target_v), module = self._target, self._vehicle.module
+        (target, target_v, _), module = self._target, self._vehicle.module
         if self._driven:
             x = np.zeros((self.num_envs, 0)) if now.x is None else now.x
             command = now.inputs[:, 0]

@@ -1,0 +1,163 @@
+"""Policies: networks that were trained, as array programs for flights and firmware."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.arrays.functions import Functions
+from gibbs_codegen.arrays.nodes import (
+    Input,
+    Node,
+    Program,
+    clip,
+    exponential,
+    maximum,
+    minimum,
+    ordered,
+    variable,
+)
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.machine.base import Base, Motion, base_of
+
+# Beyond it the hyperbolic tangent is 1 to the last place, and exponentials are far from infinite.
+_FAR = 20.0
+
+
+def tanh(x: Node) -> Node:
+    """Hyperbolic tangents of the entries."""
+    return 1.0 - 2.0 / (1.0 + exponential(2.0 * clip(x, -_FAR, _FAR)))
+
+
+# By the names of PyTorch's modules in lower case.
+ACTIVATIONS: dict[str, Callable[[Node], Node]] = {
+    "elu": lambda x: maximum(x, 0.0) + (exponential(minimum(x, 0.0)) - 1.0),
+    "relu": lambda x: maximum(x, 0.0),
+    "sigmoid": lambda x: 0.5 + 0.5 * tanh(0.5 * x),
+    "tanh": tanh,
+}
+# A pair of weights (k, m) and offsets (k), as arrays or nodes, or the name of an activation.
+Layer = Any
+
+
+def network(layers: Iterable[Layer], x: Node) -> Node:
+    """What a network of fully connected layers makes of a vector.
+
+    Args:
+        layers: A `torch.nn.Sequential` of `Linear` and of modules of `ACTIVATIONS`; or pairs of
+            weights (k, m) and offsets (k), and names of activations. Nodes among them are
+            parameters of the program, all else its constants.
+        x: The vector (m).
+
+    Returns:
+        The node (k).
+
+    Raises:
+        UsageError: If a layer is of another kind, or does not go with the one before.
+    """
+    for layer in layers:
+        kind = type(layer).__name__.lower()
+        name = layer if isinstance(layer, str) else kind
+        if name in ACTIVATIONS and getattr(layer, "alpha", 1.0) == 1.0:
+            x = ACTIVATIONS[name](x)
+        elif isinstance(layer, tuple):
+            weights, offsets = layer
+            x = weights @ x + offsets
+        elif kind == "linear":
+            weights = layer.weight.detach().double().numpy()
+            x = weights @ x + (0.0 if layer.bias is None else layer.bias.detach().double().numpy())
+        else:
+            raise UsageError(
+                f"layers: Linear, pairs of weights and offsets, and {', '.join(ACTIVATIONS)} "
+                f"(elu with alpha=1) are known, not {printable(layer)}"
+            )
+    return x
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What observations and rewards are made of: a machine and its desired motion, as nodes.
+
+    - `robot`: the functions of its module: `now.robot.frame_poses(now.q)`
+    - `q` (nq), `v` (nv): coordinates and velocities
+    - `actuators`: thrusts of motors that lag, N, or the states of motors and servos
+    - `q_desired` (nq), `v_desired`, `a_desired` (nv): the desired motion
+    """
+
+    robot: Functions
+    q: Node
+    v: Node
+    actuators: Node
+    q_desired: Node
+    v_desired: Node
+    a_desired: Node
+
+    @classmethod
+    def of(cls, robot: Functions, actuators: int) -> Situation:
+        """That of variables, which are named as entries of an `Observation` are."""
+        desired = robot.velocities("v_desired"), robot.velocities("a_desired")
+        seen = *robot.state(), variable("actuators", actuators)
+        return cls(robot, *seen, robot.coordinates("q_desired"), *desired)
+
+    @cached_property
+    def base(self) -> Base:
+        """The base, for vectors from world axes to its own, `to_base`, and back."""
+        return base_of(self.robot, self.q)
+
+    @cached_property
+    def desired_base(self) -> Base:
+        """The base where it is to be."""
+        return base_of(self.robot, self.q_desired)
+
+    @cached_property
+    def errors(self) -> tuple[Node, Node]:
+        """Ways to the desired motion and their rates (nv), those of the position in world axes."""
+        return self.base.errors(self.v, Motion(self.q_desired, self.v_desired, self.a_desired))
+
+
+Measure = Callable[[Situation], Node]
+
+
+def policy_program(
+    robot: Functions,
+    layers: Iterable[Layer],
+    observe: Measure,
+    act: Callable[[Node, Situation], Node],
+    name: str = "policy",
+) -> Program:
+    """A policy with its observation, from what a controller is told to what is commanded.
+
+    Args:
+        robot: The functions of the machine's module.
+        layers: As of `network`.
+        observe: The observation (m) of a `Situation`.
+        act: What actions (k), which the network makes of it, and a `Situation` command: inputs
+            (nu), or commands of motors and servos.
+        name: The name of the program.
+
+    Returns:
+        A program whose inputs are named as entries of an `Observation` are, those that the
+        observation needs, then parameters; its output is `u` (nu).
+
+    Raises:
+        UsageError: If the layers do not go with each other or the observation.
+        MissingFunctionError: If the module lacks a function that the observation calls.
+    """
+    now = Situation.of(robot, robot.actuator_states or robot.rotors)
+    u = act(network(layers, observe(now)), now)
+    read = [x for x in ordered([u]) if isinstance(x.operation, Input)]
+    known = [now.q, now.v, now.actuators, now.q_desired, now.v_desired, now.a_desired]
+    own = [x for x in known if x in read]
+    return Program(name, (*own, *(x for x in read if x not in own)), {"u": u})
+
+
+def commanded(actions: Node, ranges: Any, *, normalised: bool = True) -> Node:
+    """What actions (na), if `normalised` between -1 and 1, stand for in ranges (2, na)."""
+    least, most = np.asarray(ranges, dtype=float)
+    if normalised:
+        actions = least + (0.5 * (most - least)) * (clip(actions, -1.0, 1.0) + 1.0)
+    return clip(actions, least, most)

@@ -1,0 +1,173 @@
+"""Environments of PyTorch against `VectorEnv`, differences, and what the examples reach."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from support.compiled import emit
+from support.tools import tool
+
+from gibbs_codegen import compile_program, scaled, uniform
+from gibbs_codegen.arrays import Node, join, total
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.rollouts.vector_env import Moment, VectorEnv
+from gibbs_codegen.machine.policies import Situation
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.runtime.load import load
+
+# It is not among what CI installs: it is large.
+torch = pytest.importorskip("torch")
+tool("cc")
+
+from gibbs_codegen.flight.rollouts.torch_env import TorchEnv  # noqa: E402
+
+pytestmark = pytest.mark.usefixtures("derived_once")
+SETTINGS: dict[str, Any] = {
+    "offsets": {"vx": uniform(-0.5, 0.5), "wx": uniform(-0.5, 0.5)},
+    "rates": {"vy": uniform(-1.0, 1.0)},
+    "parameters": {"base_mass": scaled(0.9, 1.1)},
+    "duration": 0.1,
+    "dt": 0.005,
+    "steps": 4,
+}
+NEEDED = ["forward_dynamics_vjp", "integrate_derivatives", "difference_derivatives"]
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+    folder = tmp_path_factory.mktemp("torch_env") / "module"
+    emit(read_robot("quadrotor")[0], folder, derivatives=NEEDED)
+    return load(folder, backend="torch")
+
+
+def observe(now: Situation) -> Node:
+    return join(now.q, now.v, now.actuators, *now.errors)
+
+
+def reward(now: Situation, u: Node) -> Node:
+    return -total(now.v * now.v) - 0.01 * total(u * u) - total(now.errors[0] * now.errors[0])
+
+
+def environment(robot: ModuleType, n: int, **settings: Any) -> TorchEnv:
+    return TorchEnv(robot, n, observe=observe, reward=reward, **(SETTINGS | settings))
+
+
+@pytest.fixture(autouse=True)
+def doubles() -> Any:
+    torch.set_default_dtype(torch.float64)
+    yield
+    torch.set_default_dtype(torch.float32)
+
+
+def test_machines_fly_as_in_a_vector_environment(robot: ModuleType) -> None:
+    """Through ends of episodes, each of which has a mass of its own."""
+
+    def seen(now: Moment) -> np.ndarray:
+        return np.concatenate([now.q, now.v, now.thrusts], axis=1)
+
+    ours = environment(robot, 5)
+    theirs = VectorEnv(robot.in_c, 5, observe=seen, autoreset_mode="SameStep", **SETTINGS)
+    found, right = ours.reset(seed=3)[0], theirs.reset(seed=3)[0]
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(12):
+        np.testing.assert_allclose(found[:, :17].numpy(), right, rtol=1e-6, atol=1e-6)
+        actions = 2.4 * torch.rand(5, 4, generator=generator) - 1.2
+        found, _, *flags, infos = ours.step(actions)
+        right, _, *others, told = theirs.step(actions.numpy())
+        assert [x.tolist() for x in flags] == [x.tolist() for x in others]
+        for row in np.flatnonzero(flags[1]):
+            last = infos["final_obs"][row, :17].numpy()
+            np.testing.assert_allclose(last, told["final_obs"][row], rtol=1e-6, atol=1e-6)
+    assert ours.single_observation_space.shape == (29,)
+
+
+def test_gradients_go_back_through_all_decisions_since_detach(robot: ModuleType) -> None:
+    envs = environment(robot, 3, duration=None)
+
+    def gained(actions: Any, parted: int = -1) -> Any:
+        envs.reset(seed=1)
+        rewards = 0.0
+        for k, action in enumerate(actions):
+            if k == parted:
+                envs.detach()
+            rewards = rewards + envs.step(action)[1].sum() * (k >= parted)
+        return rewards
+
+    actions = torch.full((5, 3, 4), -0.1, requires_grad=True)
+    gained(actions).backward()
+    way, step = torch.randn(5, 3, 4, generator=torch.Generator().manual_seed(0)), 1e-5
+    ahead, behind = (gained(actions.detach() + k * step * way) for k in (1.0, -1.0))
+    torch.testing.assert_close(
+        (actions.grad * way).sum(), (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-6
+    )
+    actions.grad = None
+    gained(actions, parted=2).backward()
+    assert not actions.grad[:2].any()
+    assert actions.grad[2:].all()
+
+
+def test_a_policy_commands_what_actions_of_its_network_do(robot: ModuleType) -> None:
+    envs = environment(robot, 3)
+    net = torch.nn.Sequential(torch.nn.Linear(29, 8), torch.nn.ELU(), torch.nn.Linear(8, 4))
+    seen, _ = envs.reset(seed=0)
+    program = envs.policy_program(net)
+    places = np.split(np.arange(29), [7, 13, 17])[:3]
+    given = {x: seen[:, at].numpy() for x, at in zip(("q", "v", "actuators"), places, strict=True)}
+    still = {"q_desired": np.eye(7)[6], "v_desired": np.zeros(6)}
+    for single, tolerance in ((False, 1e-12), (True, 1e-6)):
+        u = compile_program(program, robot.in_c, single=single)(given | still)["u"]
+        low, high = envs._limits
+        right = low + 0.5 * (net(seen).detach().numpy().clip(-1.0, 1.0) + 1.0) * (high - low)
+        np.testing.assert_allclose(u, right, atol=tolerance * high.max())
+    with pytest.raises(UsageError, match=r"known, not ELU\(alpha=2"):
+        envs.policy_program(torch.nn.Sequential(net[0], torch.nn.ELU(2.0)))
+
+
+@pytest.mark.parametrize("action", ["inputs", "rates"])
+def test_targets_swing_and_disturbances_act_as_in_a_vector_environment(
+    robot: ModuleType, action: str
+) -> None:
+    """Of inner loops too; both tell the same rewards of their own words."""
+    settings = SETTINGS | {
+        "duration": 0.3,
+        "action": action,
+        "swings": {"vx": uniform(0.1, 0.5)},
+        "disturbances": {"strength": uniform(0.5, 1.0), "base_x": uniform(-1.0, 1.0)},
+    }
+
+    def seen(now: Moment) -> np.ndarray:
+        return np.concatenate([now.q, now.v, now.thrusts, now.target - now.q], axis=1)
+
+    ours = environment(robot, 4, **settings)
+    theirs = VectorEnv(robot.in_c, 4, observe=seen, autoreset_mode="SameStep", **settings)
+    ours.reset(seed=5), theirs.reset(seed=5)
+    for actions in torch.rand(20, 4, 4, generator=torch.Generator().manual_seed(0)) - 0.3:
+        found, right = ours.step(actions)[0], theirs.step(actions.numpy())[0]
+        np.testing.assert_allclose(found[:, :20].numpy(), right[:, :20], rtol=1e-6, atol=1e-6)
+
+
+def test_what_it_does_not_have_is_refused(robot: ModuleType) -> None:
+    with pytest.raises(UsageError, match="TorchEnv has no precision, threads; leave out"):
+        environment(robot, 2, precision="single", threads=2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["gradients", "ppo"])
+@pytest.mark.parametrize("task", ["hover", "reach"])
+def test_examples_learn(task: str, method: str, tmp_path: Path) -> None:
+    """For some seconds: analytic gradients hover by then, and both write what was learnt."""
+    command = [sys.executable, f"examples/train_{task}.py", "--seconds", "4", "--method", method]
+    made = subprocess.run(
+        [*command, "--out", str(tmp_path)], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    [base] = map(float, re.findall(r"base ([\d.]+) mm", made.stdout))
+    assert base < (300.0 if method == "gradients" else 5000.0)
+    assert {"curve.csv", "policy.npz"} <= {x.name for x in tmp_path.iterdir()}
