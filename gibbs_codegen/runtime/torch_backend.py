@@ -30,6 +30,7 @@ from gibbs_codegen.arrays.contents import owners_of
 from gibbs_codegen.arrays.forward import along
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import (
+    Call,
     Node,
     Program,
     Space,
@@ -362,8 +363,21 @@ def of_entries(program: Program) -> Program:
         inputs.append(entries)
         arguments[x] = coordinates_of(_unit(entries, x.space), x.space) if x.space else entries
     outputs = substituted(program, arguments)
-    entries_by_name = {name: entries_of(x) for name, x in outputs.items()}
+    entries_by_name = {name: _entries(x) for name, x in outputs.items()}
     return Program(program.name, tuple(inputs), entries_by_name)
+
+
+def _entries(x: Node) -> Node:
+    """Entries of an output; those of wheels, which displacements do not have, by their rates."""
+    call, entries = x.operation, entries_of(x)
+    if not (isinstance(call, Call) and call.name == "integrate"):
+        return entries
+    wheels = call.functions.layout.q.angles
+    if wheels.start == wheels.stop or "coordinate_rates" not in call.functions.signatures:
+        return entries
+    q, displacement = x.arguments
+    turned = _entries(q)[wheels] + call.functions.wheel_rates(q, displacement)
+    return join(entries[: wheels.start], turned)
 
 
 def _unit(entries: Node, space: Space) -> Node:

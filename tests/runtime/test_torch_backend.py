@@ -17,6 +17,7 @@ from support.comparison import assert_close
 from support.compiled import emit
 from support.complex_step import complex_values
 from support.pages import run_python
+from support.random_robots import rolling_robot
 from support.tools import tool
 
 from gibbs_codegen import differentiable
@@ -94,6 +95,21 @@ def test_derivatives_are_those_of_differences_and_of_the_module(pair: Pair) -> N
         assert_close("by u", by_u.numpy(), right[3], 1e-12)
     nested = torch.vmap(torch.vmap(function, (None, 0, None)), (0, None, 0))(*given)
     assert torch.equal(nested, function(given[0][:, None], given[1], given[2][:, None]))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_angles_of_wheels_are_differentiated(seed: int, tmp_path: Path) -> None:
+    """After two displacements, with a drive and without: displacements do not have them."""
+    robot = rolling_robot(seed)
+    emit(robot, tmp_path / "module", derivatives=["integrate_derivatives"])
+    module = load(tmp_path / "module", backend="torch")
+    shapes = len(module.COORDINATES), len(module.VELOCITIES)
+    given = [torch.rand(n, dtype=torch.float64, requires_grad=True) for n in shapes]
+    calls = Functions(module.in_c)
+    q, v = calls.state()
+    twice = Program("twice", (q, v), {"end": calls.integrate(calls.integrate(q, v), 2.0 * v)})
+    for function in (module.integrate, differentiable(twice, module)):
+        assert torch.autograd.gradcheck(function, given)
 
 
 @pytest.mark.filterwarnings("ignore:The .grad attribute")  # Of what opcheck makes.
