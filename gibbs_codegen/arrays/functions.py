@@ -69,12 +69,7 @@ class Functions:
         ]
         # Whether commands are not the inputs themselves, but of motors and servos.
         self.driven = bool(getattr(module, "COMMANDS", ()))
-        self.layout = Layout.listed(
-            module.ATTITUDE,
-            module.COORDINATES,
-            module.COORDINATE_UNITS,
-            (len(module.HYBRID_COORDINATES) - len(module.VELOCITIES)) // 2,
-        )
+        self.layout = Layout.of_module(module)
         self.space = Space.of(self.layout)
         # Whether dampers may lie between frames, or at wheels or joints that gears move.
         turning = len(module.POINTS) - len(module.FRAMES) - ("O2" in module.POINTS) - self.rotors

@@ -207,6 +207,13 @@ class Layout:
             )
         return layout
 
+    @classmethod
+    def of_module(cls, module: Any) -> Layout:
+        """Layout of a generated module; raises as `listed` does."""
+        constrained = (len(module.HYBRID_COORDINATES) - len(module.VELOCITIES)) // 2
+        names, units = module.COORDINATES, module.COORDINATE_UNITS
+        return cls.listed(module.ATTITUDE, names, units, constrained)
+
     @property
     def middle_angle(self) -> int | None:
         """Place of the angle of three, θ₀, at whose ±90° they are singular; None of others."""

@@ -89,10 +89,8 @@ def verify(
     if "c" in backends:  # So is what is needed later; where that fails, those say so who need it.
         pool.submit(_single_precision, folder, robot.name)
         pool.submit(lambda: modules["c"].result().compiled.function("positions", c_library.EACH))
-        for precision in get_args(Precision):
-            pool.submit(
-                lambda x: c_program.rollouts_in_c(numpy.result(), x, _UNOPTIMISED), precision
-            )
+        for kind in get_args(Precision):
+            pool.submit(lambda x: c_program.rollouts_in_c(numpy.result(), x, _UNOPTIMISED), kind)
     try:
         for backend in backends:
 

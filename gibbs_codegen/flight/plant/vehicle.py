@@ -43,11 +43,9 @@ class RobotData:
         self.name: str = module.NAME
         self.attitude: str = module.ATTITUDE
         self.coordinates: tuple[str, ...] = module.COORDINATES
-        constrained = (len(module.HYBRID_COORDINATES) - len(module.VELOCITIES)) // 2
-        hybrid = module.HYBRID_COORDINATES
-        self.constraint_names: tuple[str, ...] = hybrid[len(hybrid) - constrained :]
-        units = module.COORDINATE_UNITS
-        self.layout = Layout.listed(self.attitude, self.coordinates, units, constrained)
+        self.layout = Layout.of_module(module)
+        hybrid, held = module.HYBRID_COORDINATES, self.layout.constrained
+        self.constraint_names: tuple[str, ...] = hybrid[len(hybrid) - held.stop + held.start :]
         self.kinematics = kinematics_of(self.layout)
         # By coordinate (nq): an angle, in rad, rather than a length, in m.
         self.is_angle: Flags = np.array([unit == "rad" for unit in self.layout.q.units])

@@ -21,7 +21,7 @@ from gibbs_codegen.runtime.rollouts import Array, Feedback, MotorModel
 Controller = Callable[[float, Any, Any], Any]
 
 # Every call asks for it, of one module after all.
-_layout = functools.lru_cache(maxsize=64)(Layout.listed)
+_layout = functools.lru_cache(maxsize=64)(Layout.of_module)
 
 
 class RolloutArguments:
@@ -35,8 +35,7 @@ class RolloutArguments:
     ) -> None:
         """Take what is rolled out for how many steps, and the library that arrays are of."""
         self.module, self.steps, self.xp, self._read = module, steps, xp, read
-        units = module.COORDINATE_UNITS
-        self.layout = _layout(module.ATTITUDE, module.COORDINATES, units, 0)
+        self.layout = _layout(module)
         self.inputs = len(module.INPUTS)
         self.rotors = self.inputs - len(self.layout.v.joint_places) - self.layout.q.wheels
         # Whether inputs are commands of motors and servos.
