@@ -1,15 +1,14 @@
-"""CUDA sources compiled and called by ctypes: by NVRTC and the driver, or by g++ on the CPU."""
+"""CUDA sources compiled by NVRTC, and called by the driver, through ctypes alone."""
 
 from __future__ import annotations
 
 import ctypes
 import re
-import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,80 +96,15 @@ def resources(log: str) -> dict[str, Resources]:
     }
 
 
-class Device(Protocol):
-    """What calls kernels on arrays that it has."""
-
-    def send(self, array: Array) -> int:
-        """The address of a copy."""
-
-    def fetch(self, address: int, array: Array) -> Array:
-        """The array, filled with what is at an address."""
-
-    def launch(self, kernel: str, count: int, arguments: Sequence[Any]) -> None:
-        """Call a kernel with so many states, and wait for it."""
-
-    def free(self, address: int) -> None:
-        """Give back the room of an array."""
-
-
-# What g++ needs to take a kernel as a function of one thread.
-_ON_CPU = """\
-#define __device__
-#define __global__
-#define __forceinline__ inline
-extern "C" { struct { unsigned x; } blockIdx = {0}, blockDim = {1}, threadIdx = {0}; }
-"""
-
-
-class Cpu:
-    """The kernels compiled by g++, called thread by thread."""
-
-    def __init__(
-        self, folder: Path, made: Path, *, single: bool = False, flags: Sequence[str] = ("-O1",)
-    ) -> None:
-        """Compile a generated module; `made` is where files are put."""
-        name = folder.name
-        shim, path = made / "on_cpu.h", made / f"{name}_{single}.so"
-        shim.write_text(_ON_CPU)
-        command = ["g++", "-x", "c++", "-std=c++17", "-Wall", "-Wextra", "-Werror", *flags]
-        command += ["-Wno-unknown-pragmas", "-include", str(shim), "-shared", "-fPIC"]
-        command += ["-ffp-contract=off", *([f"-D{name.upper()}_FLOAT"] if single else [])]
-        subprocess.run([*command, str(folder / f"{name}.cu"), "-o", str(path)], check=True)
-        self._library = ctypes.CDLL(str(path))
-        self._kept: dict[int, Array] = {}
-
-    def send(self, array: Array) -> int:
-        """The address of a copy."""
-        kept = array.copy()
-        self._kept[kept.ctypes.data] = kept
-        return kept.ctypes.data
-
-    def fetch(self, address: int, array: Array) -> Array:
-        """The array, filled with what is at an address."""
-        array[...] = self._kept[address].reshape(array.shape)
-        return array
-
-    def launch(self, kernel: str, count: int, arguments: Sequence[Any]) -> None:
-        """Call a kernel with so many states."""
-        thread = ctypes.c_uint.in_dll(self._library, "blockIdx")
-        for i in range(count + 1):  # One more than there are states, as in the last block.
-            thread.value = i
-            self._library[kernel](*arguments)
-
-    def free(self, address: int) -> None:
-        """Give back the room of an array."""
-        del self._kept[address]
-
-
 class Gpu:
     """The first GPU, by its driver. Raises `RuntimeError` where there is none."""
 
-    def __init__(self, block: int = 128) -> None:
-        """Take it, for blocks of so many threads."""
+    def __init__(self, driver: str = "libcuda.so.1", block: int = 128) -> None:
+        """Take it by the driver's library, for blocks of so many threads."""
         try:
-            self._driver = ctypes.CDLL("libcuda.so.1")
+            self._driver = ctypes.CDLL(driver)
         except OSError:
-            raise RuntimeError("no GPU: the driver's library libcuda.so.1 is missing") from None
+            raise RuntimeError(f"no GPU: the driver's library {driver} is missing") from None
         device, context = ctypes.c_int(), ctypes.c_void_p()
         self._call("cuInit", 0)
         self._call("cuDeviceGet", ctypes.byref(device), 0)
@@ -258,7 +192,7 @@ def of_states(values: Array, real: Any) -> Array:
 class Kernels:
     """Kernels of a module on a device, in a precision."""
 
-    def __init__(self, device: Device, module: Any, precision: Precision = "double") -> None:
+    def __init__(self, device: Gpu, module: Any, precision: Precision = "double") -> None:
         self._device, self._module, self.precision = device, module, precision
         self._real = REALS[precision]
         self._number = np.ctypeslib.as_ctypes_type(self._real)
@@ -315,7 +249,7 @@ class Call:
     """A rollout whose arrays are on a device."""
 
     def __init__(
-        self, device: Device, real: Any, number: Any, problem: Problem, ending: str, constants: Any
+        self, device: Gpu, real: Any, number: Any, problem: Problem, ending: str, constants: Any
     ) -> None:
         self._device, self._problem = device, problem
         robot, parts = functions_of(problem.module), problem.parts

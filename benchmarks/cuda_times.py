@@ -69,6 +69,10 @@ def difference(found: Rollout, expected: Rollout) -> float:
 def measured(gpu: Gpu, folder: Path, count: int, steps: int) -> None:
     """Print rates of a robot's rollouts."""
     module = load(folder, backend="c")
+    if functions_of(module).driven:
+        raise SystemExit(
+            f"{folder.name}: has actuators; give robots that are sent thrusts, torques"
+        )
     for precision in REALS:
         for registers, flags in REGISTERS.items():
             single = precision == "single"

@@ -6,6 +6,7 @@ NVRTC is in the extra `cuda`; where it is not, tests with it are skipped.
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import astuple, replace
 from pathlib import Path
@@ -17,10 +18,10 @@ import pytest
 from conftest import ROOT
 from support.actuated import DERIVATIVES, actuated
 from support.calls import as_tuple, random_arguments
+from support.cuda_on_cpu import code_for_cpu, cuda_on_cpu
 from support.derived import derived
-from support.tools import tool
 
-from benchmarks.cuda_device import Cpu, Kernels, machine_code, nvrtc
+from benchmarks.cuda_device import Kernels, Resources, machine_code, nvrtc
 from gibbs_codegen import robots
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import module_signatures
@@ -84,11 +85,9 @@ def kernels(request: pytest.FixtureRequest, folder: Path, module: ModuleType) ->
 
 def on_cpu(folder: Path, module: ModuleType, precision: Precision) -> Kernels:
     """The kernels as the CPU computes them."""
-    tool("g++")
-    flags = ["-O0", "-Werror"]
-    return Kernels(
-        Cpu(folder, folder, single=precision == "single", flags=flags), module, precision
-    )
+    gpu = cuda_on_cpu(folder)
+    gpu.load(code_for_cpu(folder, single=precision == "single"))
+    return Kernels(gpu, module, precision)
 
 
 def parameters_of(module: ModuleType) -> dict[str, np.ndarray]:
@@ -191,6 +190,32 @@ def test_what_rollouts_call_must_be_there() -> None:
     model = derived(paper_family(3, 1), functions=["mass_matrix"])
     with pytest.raises(UsageError, match="--target cuda: its rollouts call forward_dynamics"):
         render_module(model, "", find_targets(("cuda",)))
+
+
+def test_times_are_of_rollouts_that_were_compared(
+    folder: Path,
+    module: ModuleType,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    from cuda_times import measured
+
+    code = {
+        single: (code_for_cpu(folder, single=single), defaultdict(lambda: Resources(0, 0, 0, 0)))
+        for single in (False, True)
+    }
+    monkeypatch.setattr("cuda_times.machine_code", lambda *_, single, flags: code[single])
+    monkeypatch.setattr("cuda_times.ROUNDS", 1)
+    if functions_of(module).driven:
+        with pytest.raises(SystemExit, match="actuated: has actuators"):
+            measured(cuda_on_cpu(folder), folder, 4, 2)
+        return
+    measured(cuda_on_cpu(folder), folder, 4, 2)
+    assert capsys.readouterr().out.count("| rk4 | commands | 128 | 0 |") == 2
+    monkeypatch.setattr("cuda_times.difference", lambda *_: float("nan"))
+    with pytest.raises(SystemExit, match="differs by nan"):
+        measured(cuda_on_cpu(folder), folder, 4, 2)
 
 
 SHIPPED = sorted(file.stem for file in Path(robots.__file__).parent.glob("*.toml"))
