@@ -20,8 +20,8 @@ from gibbs_codegen.runtime.rollouts import (
     Problem,
     Rollout,
     _constants,
-    _given,
     functions_of,
+    given_inputs,
 )
 
 Array = NDArray[Any]
@@ -254,7 +254,7 @@ class Call:
         self._device, self._problem = device, problem
         robot, parts = functions_of(problem.module), problem.parts
         self.count, self._begin = len(problem.q), problem.begin(parts)
-        values = _given(problem, parts, np)
+        values = given_inputs(problem, parts, np)
         lagging = robot.lagging if len(self._begin) < 3 else 0
         begin = np.concatenate([*self._begin, np.zeros((self.count, lagging))], axis=1)
         kept = problem.steps // problem.every
