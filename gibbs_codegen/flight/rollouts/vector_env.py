@@ -239,10 +239,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
                 "swing_rates": (dict.fromkeys(moving, swing_rates), zero),
                 "phases": (dict.fromkeys(moving, Between(0.0, 2.0 * math.pi)), zero),
                 "disturbances": (disturbances or {}, self._usual()),
-                "sensors": (
-                    sensors or {},
-                    dict.fromkeys(SENSED, 0.0),
-                ),
+                "sensors": (sensors or {}, dict.fromkeys(SENSED, 0.0)),
             },
         )
         sensed = self._episodes.values["sensors"]
@@ -601,7 +598,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             target,
             target_v,
             self._touch(),
-            self._episodes.values["targets"].get("force", np.full(self.num_envs, _FORCE)),
+            self._episodes.values["targets"].get("force", np.full(self.num_envs, _FORCE)).copy(),
             self.data,
             self._vehicle.tip_pose if self._vehicle.has_tip else None,
         )

@@ -7,7 +7,7 @@ import pytest
 from support.blown import TEXT
 from support.compiled import emit
 
-from gibbs_codegen import Simulation, UsageError, load, read_scenario, rollout
+from gibbs_codegen import Simulation, UsageError, load, read_scenario, rollout, uniform
 from gibbs_codegen.flight.rollouts.vector_env import VectorEnv
 from gibbs_codegen.robot.file import parse_robot
 
@@ -89,15 +89,16 @@ def test_a_controller_sees_the_same_surroundings(folder: str) -> None:
 @pytest.mark.slow
 def test_episodes_of_two_winds_are_rollouts(folder: str) -> None:
     """Gusts blow by the time of the episode, also of one that began later."""
-    module, varied = load(folder, "c"), {"wind": [[3.0, -1.0, 0.5], [-2.0, 0.0, 1.0]]}
+    module, winds = load(folder, "c"), {f"wind_{axis}": uniform(-3.0, 3.0) for axis in "xyz"}
     scene, hover = SETTINGS["surroundings"], [0, 0, 1, 0, 0, 0, 1, 0.3]
-    moved = {"time_constants": 0.0, "dt": DT, "surroundings": scene, **varied}
-    environments = VectorEnv(
-        module, 2, hover=hover, limits=(-9, 9), steps=10, normalised=False, **moved
-    )
+    moved = {"time_constants": 0.0, "dt": DT, "surroundings": scene}
+    settings = {"hover": hover, "limits": (-9, 9), "steps": 10, "disturbances": winds}
+    environments = VectorEnv(module, 2, normalised=False, **settings, **moved)
     environments.reset(seed=0)
     environments.step(np.tile(U, (2, 1)))
     environments.reset(options={"reset_mask": np.array([True, False])})
+    drawn = environments.episodes["disturbances"]
+    moved["wind"] = np.stack([drawn[name] for name in winds], axis=1)
     done = rollout(module, hover, np.zeros(7), U, STEPS, every=10, **moved)
     for k in range(1, 10):
         observed, *_ = environments.step(np.tile(U, (2, 1)))
