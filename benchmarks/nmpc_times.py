@@ -7,12 +7,13 @@ costs, horizon of 20 steps of 20 ms, and limits:
 - fatrop and IPOPT through CasADi, with C that CasADi generates of the emitted functions and of
   their exact derivatives,
 - the same with C of articulated bodies, the best public recursion, which CasADi differentiates,
-- box-FDDP of Crocoddyl, which calls the module's C through Python and knows limits of inputs only.
+- box-FDDP of Crocoddyl, which calls the module's C through Python and knows limits of inputs only,
+- acados with HPIPM, one real-time iteration an instant, with `acados_model` and with C that CasADi
+  generates of the step, where `--acados` is an interpreter that has it.
 
 Peers have no dampers and no lag, so these are left out. The steps of all must agree to 1e-9, and
 their derivatives to 1e-7. At each instant one contender after the other plans, so that a busy
 machine slows all of them. The closed-loop cost is that of the problem, of what was flown.
-acados is not among them, since its solvers are no package that could be installed here.
 """
 
 from __future__ import annotations
@@ -41,6 +42,7 @@ sys.path[:0] = [
 
 from c_times import machine  # noqa: E402
 from family import named_robot  # noqa: E402
+from peers.acados_peer import Acados  # noqa: E402
 from peers.casadi_articulated import forward_dynamics  # noqa: E402
 from peers.casadi_bases import MovingBase  # noqa: E402
 from peers.casadi_recursions import Machine  # noqa: E402
@@ -61,7 +63,7 @@ from gibbs_codegen.flight.plant.vehicle import Vehicle  # noqa: E402
 from gibbs_codegen.pipeline import generate_robot  # noqa: E402
 from gibbs_codegen.robot.model import Robot  # noqa: E402
 from gibbs_codegen.robot.text import robot_text  # noqa: E402
-from gibbs_codegen.runtime import predictive  # noqa: E402
+from gibbs_codegen.runtime import acados, predictive  # noqa: E402
 
 Array = np.ndarray
 # Postures, radii (m) and rates (rad/s) of circles.
@@ -115,13 +117,14 @@ class Contender:
     missed: list[float] = field(default_factory=list)
     costs: list[float] = field(default_factory=list)
     lost: str = ""
+    clock: Callable[[], float] = time.process_time
 
     def fly(self, problem: Problem, now: float) -> None:
         """An instant and the step that follows."""
         module, nq, h = problem.module, problem.nq, problem.h / SUBSTEPS
-        begin = time.process_time()
+        begin = self.clock()
         u = self.inputs(now, self.x)
-        self.seconds.append(time.process_time() - begin)
+        self.seconds.append(self.clock() - begin)
         q, v = self.x[:nq], self.x[nq:]
         for _ in range(SUBSTEPS):
             q, v = module.step_rk4(q, v, u, h)
@@ -145,10 +148,10 @@ def check(ours: Prediction, other: Prediction, problem: Problem) -> None:
         assert np.abs(np.array(ca.densify(one - its))).max() < most
 
 
-def contenders(name: str, folder: Path) -> tuple[Problem, dict[str, Contender]]:
+def contenders(name: str, folder: Path, interpreter: str) -> tuple[Problem, dict[str, Contender]]:
     """The problem of a robot, and those who solve it."""
     robot, (posture, radius, pace) = named_robot(name), ROBOTS[name]
-    wanted = {*predictive.DERIVATIVES, "step_rk4"}
+    wanted = {*predictive.DERIVATIVES, *acados.DERIVATIVES, "step_rk4"}
     made = generate_robot(robot, robot_text(robot), folder, derivatives=sorted(wanted))[1]
     module, symbolic = load(made, backend="c"), load(made, backend="casadi")
     vehicle = Vehicle(module)
@@ -180,13 +183,31 @@ def contenders(name: str, folder: Path) -> tuple[Problem, dict[str, Contender]]:
     crocoddyls = BoxFDDP(problem)
     found["box-FDDP, our functions"] = lambda _, x: crocoddyls(x)
     x = np.r_[hover.q, hover.v]
-    return problem, {label: Contender(inputs, x) for label, inputs in found.items()}
+    flying = {label: Contender(inputs, x) for label, inputs in found.items()}
+    controller.inputs(0.0, hover.q, hover.v)  # So that there are references.
+    for dynamics in ("our functions", "CasADi's derivatives"):
+        try:
+            solver = Acados(problem, interpreter, dynamics)
+        except RuntimeError as error:
+            print(f"acados, {dynamics}: left out, since {error}")
+            continue
+        flying[f"acados, {dynamics}"] = Contender(solver, x, clock=solver.clock)
+    return problem, flying
 
 
 def print_table(name: str, found: dict[str, Contender], console: Console) -> None:
     """Times, tracking and costs."""
     table = Table(title=f"{name}: ms per instant")
-    for column in ("", "median", "99 %", "worst", "times ours", "RMS after 2 s, mm", "cost"):
+    for column in (
+        "",
+        "least",
+        "median",
+        "99 %",
+        "worst",
+        "times ours",
+        "RMS after 2 s, mm",
+        "cost",
+    ):
         table.add_column(column, justify="right" if column else "left")
     # The first plan is made before the flight.
     ours = np.array(found[OURS].seconds[1:])
@@ -196,12 +217,16 @@ def print_table(name: str, found: dict[str, Contender], console: Console) -> Non
         settled = np.array(each.missed[round(SETTLED / 0.02) :])
         table.add_row(
             label,
-            *(f"{1e3 * np.percentile(seconds, share):.2f}" for share in (50, 99, 100)),
+            *(f"{1e3 * np.percentile(seconds, share):.2f}" for share in (0, 50, 99, 100)),
             f"{ratio:.1f}",
             each.lost or f"{1e3 * np.sqrt(np.mean(settled**2)):.3f}",
             f"{np.mean(each.costs):.4g}",
         )
     console.print(table)
+    for label, each in found.items():
+        if isinstance(each.inputs, Acados):
+            own = 1e3 * np.median(each.inputs.own[1:])
+            console.print(f"{label}: {own:.2f} by its own clock, without Python")
 
 
 def draw(measured: dict[str, dict[str, Contender]], file: str) -> None:
@@ -228,13 +253,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS))
     parser.add_argument("--duration", type=float, default=8.0, help="of a flight, s, above 2")
+    parser.add_argument("--acados", default=sys.executable, metavar="PYTHON")
     parser.add_argument("--picture", metavar="FILE")
     options = parser.parse_args()
     console = Console(width=None if sys.stdout.isatty() else 140, highlight=False)
     measured = {}
     for name in options.robots:
         with tempfile.TemporaryDirectory() as folder:
-            problem, found = contenders(name, Path(folder))
+            problem, found = contenders(name, Path(folder), options.acados)
             for k in range(round(options.duration / problem.h)):
                 for each in found.values():
                     if not each.lost:
