@@ -25,7 +25,7 @@ from gibbs_codegen.files.staging import writing
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.machine.transition import STEPS, Transition
 from gibbs_codegen.runtime.c_library import c_files as module_files
-from gibbs_codegen.runtime.c_library import some_functions
+from gibbs_codegen.runtime.c_library import module_texts, some_functions
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.programs import called
 
@@ -143,8 +143,7 @@ def _source(module: Any, machine: Transition, method: str, h: float, has_paramet
     after = replace(machine.step(method, h), name="acados_step")
     slopes = replace(jacobian(after, after.names), name="acados_slopes")
     functions = called([after, slopes])
-    folder = Path(module.__path__[0])
-    texts = {x: (folder / x).read_bytes() for x in module_files(name, blocks=False)}
+    texts = module_texts(Path(module.__path__[0]), module_files(name, blocks=False))
     texts[f"{name}.c"] = some_functions(texts[f"{name}.c"], functions)
     programs = [CFunction(x, "") for x in (after, slopes)]
     sources = {x: text.decode() for x, text in texts.items()}

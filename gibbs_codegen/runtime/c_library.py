@@ -418,13 +418,7 @@ def compiled_files(
     Raises `UsageError` for a file that is missing, or was not generated with the module.
     """
     # Read once: what is compiled is what the key was made of, whatever happens to the files.
-    missing = [file for file in files if not (folder / file).is_file()]
-    if missing:
-        raise UsageError(
-            f"{printable(folder)}: has no {', '.join(missing)}; generate the module again, with "
-            "the C target"
-        )
-    texts = {file: (folder / file).read_bytes() for file in files}
+    texts = module_texts(folder, files)
     made = _make_of((folder / "numpy_module.py").read_bytes())
     for file, text in texts.items():
         # Sources that are the same for every robot name none.
@@ -450,6 +444,17 @@ def compiled_files(
             compiler.library(compiled, output, extra)
 
     return cached_library("\n".join([compiler.identity, name, *extra, *digests]), make)
+
+
+def module_texts(folder: Path, files: Sequence[str]) -> dict[str, bytes]:
+    """Texts of files of a module; raises `UsageError` if one is missing."""
+    missing = [file for file in files if not (folder / file).is_file()]
+    if missing:
+        raise UsageError(
+            f"{printable(folder)}: has no {', '.join(missing)}; generate the module again, with "
+            "the C target"
+        )
+    return {file: (folder / file).read_bytes() for file in files}
 
 
 @contextmanager

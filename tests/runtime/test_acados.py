@@ -281,6 +281,32 @@ def test_the_page_runs() -> None:
         assert page["solver"].get(0, "u") == pytest.approx(np.array([3.0] * 4 + [0.0] * 2), abs=1.0)
 
 
+@pytest.mark.skipif(not INSTALLED, reason="acados is not installed")
+@pytest.mark.slow
+def test_all_forms_make_one_plan(module: Callable[[str], Any]) -> None:
+    from acados_template import AcadosOcp, AcadosOcpSolver
+
+    robot, first = module("quadrotor_2link"), {}
+    for form, integrator in (("discrete", "DISCRETE"), ("explicit", "ERK"), ("implicit", "IRK")):
+        ocp, options = AcadosOcp(), {"step": H} if form == "discrete" else {}
+        ocp.model, ocp.dims.N = acados_model(robot, form, **options), 10
+        ocp.model.name = form
+        nx, nu = ocp.model.x.numel(), ocp.model.u.numel()
+        x = 0.1 * np.arange(nx) / nx
+        cost, ocp.constraints.x0 = ocp.cost, x
+        cost.cost_type = cost.cost_type_e = "LINEAR_LS"
+        cost.Vx, cost.Vu, cost.Vx_e = np.eye(nx + nu, nx), np.eye(nx + nu, nu, -nx), np.eye(nx)
+        cost.W, cost.W_e = np.eye(nx + nu), np.eye(nx)
+        cost.yref, cost.yref_e = np.zeros(nx + nu), np.zeros(nx)
+        ocp.solver_options.tf, ocp.solver_options.integrator_type = 10 * H, integrator
+        solver = AcadosOcpSolver(ocp, json_file=f"{form}.json")
+        for _ in range(3):
+            assert solver.solve() in {0, 2}
+        first[form] = solver.get(0, "u")
+    assert first["explicit"] == pytest.approx(first["discrete"], rel=1e-8, abs=1e-9)
+    assert first["implicit"] == pytest.approx(first["discrete"], rel=1e-5, abs=1e-6)
+
+
 @pytest.mark.parametrize(
     ("name", "parameters"), [("quadrotor_arm_2link", True), ("quadrotor_2link", False)]
 )
