@@ -250,7 +250,9 @@ def test_rollouts_of_every_robot_are_those_of_c(name: str, tmp_path: Path) -> No
     folder = written(read_robot(name)[0], tmp_path / name)
     module = load(folder, backend="c")
     for precision in REALS:
-        kernels, problem = on_cpu(folder, module, precision), problem_of(module, precision)
+        kernels = on_cpu(folder, module, precision)
+        # Light links of some would fly away in larger steps.
+        problem = replace(problem_of(module, precision), dt=0.01 * DT)
         for changed in (problem, with_all(problem)):
             expected, found = compiled_rollout(changed), kernels.rollout(changed)
             assert_close(found.q, expected.q, ROOM[precision])
