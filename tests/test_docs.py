@@ -39,6 +39,7 @@ RUN_ELSEWHERE = {
     "docs/howto/jax.md": "tests/runtime/test_jax_backend.py",
     "docs/howto/predictive-c.md": "tests/test_project_pages.py",
     "docs/howto/torch.md": "tests/runtime/test_torch_backend.py",
+    "docs/howto/train.md": "tests/flight/rollouts/test_torch_env.py",
     "docs/start/autopilot.md": "tests/flight/autopilots/test_betaflight.py",
     "docs/start/first-robot.md": "tests/test_first_robot.py",
 }

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from support.compiled import emit
+from support.pages import run_python
 from support.tools import tool
 
 from gibbs_codegen import compile_program, scaled, uniform
@@ -157,6 +158,15 @@ def test_targets_swing_and_disturbances_act_as_in_a_vector_environment(
 def test_what_it_does_not_have_is_refused(robot: ModuleType) -> None:
     with pytest.raises(UsageError, match="TorchEnv has no precision, threads; leave out"):
         environment(robot, 2, precision="single", threads=2)
+
+
+@pytest.mark.slow
+def test_the_page_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    torch.set_default_dtype(torch.float32)
+    page = run_python("docs/howto/train.md")
+    assert page["means"][-1] > 0.5 * page["means"][0]
+    assert np.linalg.norm(page["flight"].errors[-1, :3]) < 0.2
 
 
 @pytest.mark.slow
