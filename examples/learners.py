@@ -1,12 +1,14 @@
 """Analytic gradients and PPO (Schulman et al., 2017) on `TorchEnv`, for the tasks beside this file.
 
-In processor time of one thread. What is learnt is written as numbers, as C and as a curve, and
-flown by 256 machines that it has not seen.
+In processor time of one thread. What is learnt is written as numbers, as C and as a curve, flown by
+256 machines that it has not seen, and as C by `simulate`. `python examples/learners.py FOLDER …`
+draws the curves of several folders as one figure, `training.png`.
 """
 
 import argparse
 import contextlib
 import math
+import sys
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -15,7 +17,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from gibbs_codegen import generate, load
+from gibbs_codegen import ProgramController, generate, load, read_scenario, simulate
 from gibbs_codegen.arrays import Functions, join, write_c
 from gibbs_codegen.flight.rollouts.torch_env import TorchEnv
 
@@ -112,15 +114,35 @@ def judged(envs, actor):
     return f"base {base:.1f} mm, tip {tip:.1f} mm, lost {(~stays).sum()} of {len(stays)}"
 
 
-def train(task, observe, reward, lost, errors, **settings):
+def flown(program, module, scenario):
+    """Root mean squares of errors of base and tip from 3 s on, mm, of flights of the policy's C."""
+    air = {"wind": {"velocity": [3.0, 0.0, 0.0], "drag": {"base": 0.3}}}  # which pushes with 0.9 N
+    heavy = {"plant": {x: 1.1 * y for x, y in module.PARAMETERS.items() if x.endswith("mass")}}
+    told = []
+    for name, others in ("calm", {}), ("wind", air), ("heavy", heavy), ("both", air | heavy):
+        law = ProgramController(program, module, rate=1.0 / STEP, single=True)
+        flight = simulate(module, read_scenario("hover", scenario | others), controller=law)
+        late = flight.time >= 3.0
+        here, there = (
+            module.frame_poses(q[late])[:, [0, -1], :3, 3] for q in (flight.q, flight.q_desired)
+        )
+        off = np.sqrt(np.square(1e3 * (here - there)).sum(2).mean(0))
+        told.append(f"{name} {off[0]:.1f} and {off[1]:.1f} mm" + " (lost)" * bool(flight.stopped))
+    return ", ".join(told)
+
+
+def train(task, observe, reward, lost, errors, scenario, **settings):
     """Train, fly and write a policy of a task as the command line says."""
     parser = argparse.ArgumentParser(description=f"Train {ROBOT} to {task}.")
     parser.add_argument("--method", choices=[*METHODS], default="gradients")
     parser.add_argument("--seconds", type=float, default=60.0, help="of processor time")
+    parser.add_argument("--rounds", type=int, help="in the place of seconds")
+    parser.add_argument("--machines", type=int, help="that learn")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="folder; trained_TASK_METHOD if left out")
     options = parser.parse_args()
-    learn, machines, duration = METHODS[options.method]
+    learn, many, duration = METHODS[options.method]
+    machines = options.machines or many
     folder = options.out or Path(f"trained_{task}_{options.method}")
     torch.manual_seed(options.seed)
     torch.set_num_threads(1)
@@ -129,39 +151,52 @@ def train(task, observe, reward, lost, errors, **settings):
     envs = TorchEnv(robot, machines, observe=observe, lost=lost, duration=duration, **settings)
     actor, begun, curve = network(envs, len(envs.actions)), [math.inf], []
 
+    def seconds():
+        return max(0.0, time.process_time() - begun[0])
+
     def share():
-        return max(0.0, time.process_time() - begun[0]) / options.seconds
+        return len(curve) / options.rounds if options.rounds else seconds() / options.seconds
 
     rounds = learn(envs, actor, share)
     next(rounds), next(rounds)  # which compile
     begun[0] = time.process_time()
     for mean in rounds:
-        curve.append((share() * options.seconds, mean))
+        curve.append((seconds(), mean))
     np.savetxt(folder / "curve.csv", curve, delimiter=",", header="processor time s, mean reward")
     np.savez(folder / "policy.npz", *(x.detach().numpy() for x in actor.parameters()))
-    write_c(envs.policy_program(actor), Functions(robot.in_c), folder)
+    program = envs.policy_program(actor)
+    write_c(program, Functions(robot.in_c), folder)
     test = TorchEnv(
         robot,
-        256,
+        options.machines or 256,
         observe=lambda now: join(observe(now), errors(now)),
         duration=None,
         **settings,
     )
     decisions = len(curve) * machines * WINDOWS[options.method]
     print(f"{task} by {options.method}: {decisions} decisions, {judged(test, actor)}")
+    print(f"as C: {flown(program, robot.in_c, scenario)}")
     with contextlib.suppress(ModuleNotFoundError):
-        draw(curve, folder / "curve.png")
+        draw([folder], folder / "curve.png")
 
 
-def draw(curve, path):
-    """Draw the mean reward of each round, where Matplotlib is installed."""
+def draw(folders, path):
+    """Draw the mean costs of decisions, smoothed, where Matplotlib is installed."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(6.0, 3.0), layout="constrained")
+    figure = Figure(figsize=(7.0, 3.0), layout="constrained")
     axes = figure.subplots()
-    axes.plot(*np.transpose(curve))
-    axes.set(xlabel="processor time, s", ylabel="mean reward")
-    figure.savefig(path)
+    for folder in folders:
+        times, means = np.loadtxt(folder / "curve.csv", delimiter=",").T
+        share = np.full(max(1, len(times) // 60), 1.0 / max(1, len(times) // 60))
+        axes.plot(times[len(share) - 1 :], -np.convolve(means, share, "valid"), label=folder.name)
+    axes.set(xlabel="processor time, s", ylabel="mean cost of a decision", yscale="log")
+    axes.grid(alpha=0.3, which="both")
+    axes.legend()
+    figure.savefig(path, dpi=110)
 
 
 METHODS = {"gradients": (by_gradients, 192, None), "ppo": (by_ppo, 512, 5.0)}
+
+if __name__ == "__main__":
+    draw([Path(name) for name in sys.argv[1:]], "training.png")

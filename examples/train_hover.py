@@ -13,6 +13,8 @@ from gibbs_codegen.arrays import constant, dot, join, square_root
 UP, AHEAD = constant([0.0, 0.0, 1.0]), constant([1.0, 0.0, 0.0])
 AWAY = {"vx": 0.8, "vy": 0.8, "vz": 0.8, "wx": 0.5, "wy": 0.5, "wz": 0.5}
 AWAY |= {"upper_arm": 0.6, "forearm": 0.6}  # m and rad
+POSTURE = {"arm.posture_deg": {"upper_arm": 17.2, "forearm": -17.2}}  # 0.3 rad
+START = {"start": {"offset": [0.5, -0.4, 0.3], "turn_deg": [10, -15, 20]}}
 MIDDLE, RANGE = np.array([[6, 6, 6, 6, 0, 0], [5.5, 5.5, 5.5, 5.5, 3, 2]])  # N and N m
 MACHINES = {
     "hover": [0, 0, 0, 0, 0, 0, 1, 0.3, -0.3],
@@ -72,4 +74,5 @@ def lost(now):
 
 
 if __name__ == "__main__":
-    train("hover", observe, reward, lost, errors, **MACHINES)
+    flight = {"duration": 8} | POSTURE | START
+    train("hover", observe, reward, lost, errors, flight, **MACHINES)

@@ -15,6 +15,7 @@ from gibbs_codegen.arrays.nodes import (
     Node,
     Program,
     clip,
+    coordinates_of,
     exponential,
     maximum,
     minimum,
@@ -24,6 +25,8 @@ from gibbs_codegen.arrays.nodes import (
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.machine.base import Base, Motion, base_of
 
+# How far ahead desired coordinates are known, s.
+AHEAD = np.array([0.1, 0.2, 0.4])
 # Beyond it the hyperbolic tangent is 1 to the last place, and exponentials are far from infinite.
 _FAR = 20.0
 
@@ -86,6 +89,7 @@ class Situation:
     - `q` (nq), `v` (nv): coordinates and velocities
     - `actuators`: thrusts of motors that lag, N, or the states of motors and servos
     - `q_desired` (nq), `v_desired`, `a_desired` (nv): the desired motion
+    - `q_ahead` (3, nq): the desired coordinates in 0.1, 0.2 and 0.4 s
     """
 
     robot: Functions
@@ -95,13 +99,15 @@ class Situation:
     q_desired: Node
     v_desired: Node
     a_desired: Node
+    q_ahead: Node
 
     @classmethod
     def of(cls, robot: Functions, actuators: int) -> Situation:
         """That of variables, which are named as entries of an `Observation` are."""
         desired = robot.velocities("v_desired"), robot.velocities("a_desired")
+        ahead = variable("q_ahead", len(AHEAD), robot.space.coordinates)
         seen = *robot.state(), variable("actuators", actuators)
-        return cls(robot, *seen, robot.coordinates("q_desired"), *desired)
+        return cls(robot, *seen, robot.coordinates("q_desired"), *desired, ahead)
 
     @cached_property
     def base(self) -> Base:
@@ -116,7 +122,18 @@ class Situation:
     @cached_property
     def errors(self) -> tuple[Node, Node]:
         """Ways to the desired motion and their rates (nv), those of the position in world axes."""
-        return self.base.errors(self.v, Motion(self.q_desired, self.v_desired, self.a_desired))
+        return self.base.errors(self.v, Motion(*self.desired))
+
+    @cached_property
+    def ways_ahead(self) -> list[Node]:
+        """Ways (nv), as those of `errors`, to each of the coordinates `q_ahead`."""
+        rows = (coordinates_of(self.q_ahead[k], self.robot.space) for k in range(len(AHEAD)))
+        return [self.base.errors(self.v, Motion(q, *self.desired[1:3]))[0] for q in rows]
+
+    @property
+    def desired(self) -> tuple[Node, Node, Node]:
+        """The desired motion."""
+        return self.q_desired, self.v_desired, self.a_desired
 
 
 Measure = Callable[[Situation], Node]
@@ -150,7 +167,7 @@ def policy_program(
     now = Situation.of(robot, robot.actuator_states or robot.rotors)
     u = act(network(layers, observe(now)), now)
     read = [x for x in ordered([u]) if isinstance(x.operation, Input)]
-    known = [now.q, now.v, now.actuators, now.q_desired, now.v_desired, now.a_desired]
+    known = [now.q, now.v, now.actuators, *now.desired, now.q_ahead]
     own = [x for x in known if x in read]
     return Program(name, (*own, *(x for x in read if x not in own)), {"u": u})
 

@@ -108,9 +108,14 @@ def test_a_policy_flies(robot: ModuleType) -> None:
         lambda now: join(*now.errors),
         lambda actions, now: commanded(actions, ranges),
     )
-    scenario = read_scenario("hover", {"duration": 0.2, "start": {"offset": [0.1, 0.0, 0.1]}})
+    circle = {"kind": "circle", "centre": [0.0, 0.0, 2.0], "radius": 0.3, "period": 4.0}
+    scenario = read_scenario(
+        "hover", {"duration": 0.2, "base.path": circle, "start": {"offset": [0.1, 0.0, 0.1]}}
+    )
+    told = []
 
     def same(seen: Any) -> Array:
+        told.append((seen.q_desired, seen.q_ahead))
         off = seen.q_desired[:3] - seen.q[:3]
         turn = robot.difference(seen.q, seen.q_desired)[3:]
         here, there = (robot.frame_poses(q)[0, :3, :3] for q in (seen.q, seen.q_desired))
@@ -122,6 +127,9 @@ def test_a_policy_flies(robot: ModuleType) -> None:
     theirs = simulate(robot, scenario, controller=same)
     assert ours.control_rate == 100.0
     np.testing.assert_allclose(ours.q[-1], theirs.q[-1], atol=1e-4)
+    (start, ahead), (later, _) = told[0], told[100]
+    assert np.linalg.norm(later - start) > 0.01
+    np.testing.assert_allclose(ahead[0], later, atol=1e-12)  # in 0.1 s
 
 
 def test_what_is_no_policy_is_refused(robot: ModuleType) -> None:

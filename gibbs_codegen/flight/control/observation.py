@@ -18,8 +18,8 @@ from gibbs_codegen.flight.plant.vehicle import Array
 class Measured(NamedTuple):
     """Accelerations (nv), wrenches (f, 6) on the frames, and the state of the actuators.
 
-    Then the forces (l) of constraints, what the robot's sensors measure (m) without errors, and
-    the inputs (nu) that act.
+    Then the forces (l) of constraints, what the robot's sensors measure (m) without errors, the
+    inputs (nu) that act, and desired coordinates (k, nq) ahead.
     """
 
     a: Array
@@ -28,6 +28,7 @@ class Measured(NamedTuple):
     constraint_forces: Array
     sensors: Array = np.zeros(0)
     inputs: Array = np.zeros(0)
+    q_ahead: Array = np.zeros(0)
 
 
 def _unknown() -> Measured:
@@ -47,13 +48,14 @@ class Observation:
     - `actuators`: thrusts of motors that lag, N, or the state that `ACTUATOR_STATES` names
     - `constraint_forces`: those of the constraints of `CONSTRAINT_ROWS`, N and N m, in the axes of
       their anchors; 0 of constraints that do not hold
+    - `q_ahead` (3, nq): desired coordinates in 0.1, 0.2 and 0.4 s, at most at the flight's end
 
     - `sensors`: by the names of the robot's sensors what they read last, a tuple of the `time` at
       which that was measured, s, and the `values`, which `SensorSuite` describes; NaN before
     - `estimate`: with `control.estimate`, what the filter tells that q and v are of, an `Estimate`
       with deviations; else None
 
-    All from `a` to `constraint_forces` are computed when they are first asked for.
+    All from `a` to `q_ahead` are computed when they are first asked for.
     """
 
     time: float
@@ -89,6 +91,11 @@ class Observation:
     def constraint_forces(self) -> Array:
         """Forces (l) of constraints."""
         return self._measured.constraint_forces
+
+    @property
+    def q_ahead(self) -> Array:
+        """Desired coordinates (k, nq) at times ahead."""
+        return self._measured.q_ahead
 
     @cached_property
     def _measured(self) -> Measured:

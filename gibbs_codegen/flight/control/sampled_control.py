@@ -32,6 +32,7 @@ from gibbs_codegen.flight.reference import Reference
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, Filter, Sensors
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.machine.laws import turns_servos
+from gibbs_codegen.machine.policies import AHEAD
 from gibbs_codegen.runtime.program_flow import Samples
 
 # Instants are the same, to this share of a millisecond, and of the time between two samples.
@@ -321,7 +322,8 @@ class Sensing:
         def measured() -> Measured:
             now = measure()
             parts = now.actuators.copy(), now.constraint_forces.copy()
-            return Measured(now.a + accelerations, now.wrenches + wrenches, *parts)
+            loads = now.a + accelerations, now.wrenches + wrenches
+            return Measured(*loads, *parts, q_ahead=self._reference(time + AHEAD)[0])
 
         return Observation(time, seen_q, seen_v, *desired, measured, read, estimate)
 

@@ -84,7 +84,7 @@ class Episodes:
             for what, (values, usual) in parts.items()
         }
         self.values = {
-            what: {name: np.empty(count) for name in distributions.values}
+            what: {name: np.zeros(count) for name in distributions.values}
             for what, distributions in self._distributions.items()
         }
 

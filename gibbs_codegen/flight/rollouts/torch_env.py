@@ -25,7 +25,14 @@ from gibbs_codegen.arrays.nodes import (
 from gibbs_codegen.errors import UsageError, require
 from gibbs_codegen.flight.plant.vehicle import Flags
 from gibbs_codegen.flight.rollouts.vector_env import VectorEnv
-from gibbs_codegen.machine.policies import Layer, Measure, Situation, commanded, policy_program
+from gibbs_codegen.machine.policies import (
+    AHEAD,
+    Layer,
+    Measure,
+    Situation,
+    commanded,
+    policy_program,
+)
 from gibbs_codegen.machine.rollout_steps import decision_program, sent
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.program_blocks import differentiable
@@ -37,7 +44,7 @@ import torch  # noqa: E402
 from gymnasium.error import ResetNeeded  # noqa: E402
 
 Reward = Callable[[Situation, Node], Node]
-_DESIRED = "q_desired", "v_desired", "a_desired"
+_DESIRED = "q_desired", "v_desired", "a_desired", "q_ahead"
 # Settings of `VectorEnv` that mean nothing here.
 _OTHERS = {"terminated", "autoreset_mode", "precision", "threads", "sensors", "tensors"}
 
@@ -57,8 +64,6 @@ class TorchEnv(VectorEnv):
         observe: The observation (m) of a `Situation`, as nodes of array programs.
         reward: The reward of a `Situation` and of the inputs (nu) that led there.
         lost: Above 0 where an episode ends, of a `Situation`; None for no such end.
-        motion: The desired motion, of times (n) of the episodes, s, and flags (n) of those that
-            begin; None for rest at `hover`.
         settings: Others of `VectorEnv`.
 
     Raises:
@@ -131,7 +136,7 @@ class TorchEnv(VectorEnv):
             self._give()
         self._decisions += 1
         if self._episodes.values["swings"]:
-            self._aim()
+            self._target = self._wanted_at(self._time())
         self._x, seen, rewards, lost = self._decision(
             x=self._x, actions=actions, **self._given, **self._wanted(), constants=self._constants
         )
@@ -213,8 +218,7 @@ class TorchEnv(VectorEnv):
             "reward": reward(then, made["inputs"]),
             "lost": maximum(made["ended"], lost(then)) if lost else made["ended"],
         }
-        desired = then.q_desired, then.v_desired, then.a_desired
-        inputs = x, actions, *desired, *(y for y in others if y is not command)
+        inputs = x, actions, *then.desired, then.q_ahead, *(y for y in others if y is not command)
         program = Program("measured_decision", inputs, outputs)
         return differentiable(program, self._vehicle.module)
 
@@ -223,8 +227,8 @@ class TorchEnv(VectorEnv):
         """The function of tensors of an observation."""
         x = variable("x", self._state().shape[1])
         now = self._situation(x)
-        desired, outputs = (now.q_desired, now.v_desired, now.a_desired), self._measures[0](now)
-        program = Program("observation", (x, *desired), {"observation": outputs})
+        inputs, outputs = (x, *now.desired, now.q_ahead), self._measures[0](now)
+        program = Program("observation", inputs, {"observation": outputs})
         return differentiable(program, self._vehicle.module)
 
     def _problem(self) -> Problem:
@@ -254,7 +258,10 @@ class TorchEnv(VectorEnv):
 
     def _wanted(self) -> dict[str, Any]:
         """The desired motion of the machines."""
-        return dict(zip(_DESIRED, self._target, strict=True))
+        ahead = np.stack([self._target[0]] * len(AHEAD))
+        if self._episodes.values["swings"]:
+            ahead = self._wanted_at(self._time() + AHEAD[:, np.newaxis])[0]
+        return dict(zip(_DESIRED, (*self._target, ahead.swapaxes(0, 1)), strict=True))
 
     def _give(self) -> None:
         """Find limits, lag and what acts in the next decision."""

@@ -433,7 +433,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         if now.bristles is not None:
             now.bristles[rows] = 0.0
         self._decisions[rows], self._over = 0, self._over & ~rows
-        self._aim()
+        self._target = self._wanted_at(self._time())
         self._disturb()
         if self._sensors:
             self._sensors.begin(now.q, now.v, rows, self._generators)
@@ -465,7 +465,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         )
         self._decisions += 1
         if self._episodes.values["swings"]:
-            self._aim()
+            self._target = self._wanted_at(self._time())
         if self._sensors:
             self._sensors.after(q, v, ~self._over, self._generators)
         return flown.ended
@@ -534,16 +534,16 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             pushes[:, 0, :, :3] = table.reshape(self.num_envs, -1, 3)
             self._pushes = pushes
 
-    def _aim(self) -> None:
-        """Tell coordinates that are wanted (n, nq), rates of their change and of these (n, nv)."""
+    def _wanted_at(self, time: Array) -> tuple[Array, Array, Array]:
+        """Coordinates that are wanted at times (…, n), rates of their change, and of these."""
         parts, names = self._episodes, self._vehicle.module.VELOCITIES
         middle, size, rate, phase = (
             parts.table(what, names) for what in ("targets", "swings", "swing_rates", "phases")
         )
-        angle = rate * self._time()[:, np.newaxis] + phase
-        hover = np.broadcast_to(self._hover, self._now.q.shape)
+        angle = rate * time[..., np.newaxis] + phase
+        hover = np.broadcast_to(self._hover, (*time.shape, len(self._hover)))
         q = self._vehicle.integrate(hover, middle + size * np.sin(angle))
-        self._target = q, size * rate * np.cos(angle), -size * rate * rate * np.sin(angle)
+        return q, size * rate * np.cos(angle), -size * rate * rate * np.sin(angle)
 
     def _sensed(self, now: Moment) -> Moment:
         """A moment with coordinates and velocities as sensors tell them."""
