@@ -205,7 +205,7 @@ def identify(
         def tell(detail: str, share: float) -> None:
             progress(f"{what}: {detail}", share)
 
-        return smoother, smoother.run(estimate, tell, numbers, slacks)
+        return smoother, smoother.run(estimate, tell, numbers, slacks, what == "first samples")
 
     start = None
     if sum(len(r.time) for r in used) > 1.5 * _FIRST:

@@ -151,6 +151,13 @@ class Model:
                 start = start + step * rates(start, command)
         return levels
 
+    def pace(self, commands: Array, constants: Any) -> bytes:
+        """Rates of actuators at some states, which tell whether constants change levels."""
+        if not self.nx or self._times:
+            return b""
+        states = 0.9 * self.module.actuator_state_of(commands[::-1])
+        return np.asarray(self.module.actuator_rates(states, commands, constants)).tobytes()
+
     def moved(self, state: Mapping[str, Array], change: Array) -> dict[str, Array]:
         """States after changes (…, nd + nv + nx + pulls) of q, in the tangent space, v, x, pull."""
         q, v, x, pull = np.split(change, np.cumsum([self.nd, self.nv, self.nx]), axis=-1)

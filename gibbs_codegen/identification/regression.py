@@ -27,11 +27,13 @@ _log = logging.getLogger("gibbs_codegen")
 _FAST, _SLOW = 10.0, 2.0
 # Samples of a period of what is left, s at both ends that filters spoil, outliers by deviations.
 _SAMPLES, _EDGE, _OUTLIER = 5, 0.4, 3.0
+# Every how many commands tell how actuators follow.
+_SPARSE = 20
 # The deviation of a delay, s, before a log tells it; none where poses tell what a lag does.
 _DELAY, _NO_DELAY = 0.02, 1e-9
 # Changes of unknowns, and of the delay over its deviation: for differences, and at most; shares of
-# deviations that are none; iterations at most.
-_DIFFERENCE, _MOST, _SETTLED, _ITERATIONS = 1e-4, 0.7, 0.03, 25
+# deviations that are none, or where a fit of the motion goes on; iterations at most.
+_DIFFERENCE, _MOST, _SETTLED, _ROUGHLY, _ITERATIONS = 1e-4, 0.7, 0.03, 0.5, 25
 
 
 class Regression:
@@ -85,6 +87,8 @@ class Regression:
             }
             for log in self.logs
         ]
+        # Commands and states of actuators, of each log, by what decides these.
+        self._known = [dict[tuple[float, bytes], tuple[Array, Array]]() for _ in self.logs]
         nothing = np.zeros((0, len(self.names)))
         self.measured = np.concatenate(
             [
@@ -108,9 +112,13 @@ class Regression:
         rows = []
         fixed = {"gravity": 0.0} if self.blind else {}
         machine = self.model.machine(self.unknowns.parameters(y[:-1]) | fixed)
-        for log, state in zip(self.logs, self._states, strict=True):
-            commands = _delayed(log.commands, float(y[-1]) / self.model.h)
-            x = self.model.levels(commands, machine.constants)
+        for log, state, known in zip(self.logs, self._states, self._known, strict=True):
+            # Most numbers change nothing of actuators.
+            key = float(y[-1]), self.model.pace(log.commands[::_SPARSE], machine.constants)
+            if key not in known:
+                commands = _delayed(log.commands, key[0] / self.model.h) if y[-1] else log.commands
+                known[key] = commands, self.model.levels(commands, machine.constants)
+            commands, x = known[key]
             after, felt = self.model({**state, "x": x}, machine, command=commands, drag=0.0)
             rows.append(self._passed((after["v"] - state["v"])[:-1], felt))
         return np.concatenate(rows) - self.measured
@@ -118,6 +126,7 @@ class Regression:
     def run(self) -> tuple[Array, bool]:
         """The most likely y, 0 without logs, and whether steps have come to an end."""
         y, settled = np.zeros(len(self.prior)), False
+        none = _SETTLED if self.blind else _ROUGHLY
         if not self.logs:
             return y, settled
         for _ in range(_ITERATIONS):
@@ -125,12 +134,14 @@ class Regression:
             covariance = np.linalg.inv(normal)
             change = -covariance @ (slopes.T @ misses + y / self.prior**2)
             y = y + np.clip(change, -_MOST * self._sizes, _MOST * self._sizes)
-            if settled := bool(np.all(np.abs(change) < _SETTLED * np.sqrt(np.diag(covariance)))):
+            if settled := bool(np.all(np.abs(change) < none * np.sqrt(np.diag(covariance)))):
                 break
         return y, settled
 
     def _weighed(self, y: Array) -> tuple[Array, Array, Array]:
         """Slopes (m s, n) and errors (m s), robustly, over what is left, and normal equations."""
+        for known in self._known:
+            known.clear()
         misses = self.misses(y)
         steps = _DIFFERENCE * self._sizes
         moved = [self.misses(y + step) for step in np.diag(steps)]

@@ -42,9 +42,9 @@ _OUTLIER = 3.0
 _STEP = 1e-6
 # Samples at a time, which stay in the cache; every how many of these tell how certain states are.
 _CHUNK, _ALL, _EVERY = 1024, slice(None), 4
-# Changes of shared numbers, of their deviations, and shares of strengths, that are none;
-# iterations at most, and changes of unknowns at once.
-_SETTLED, _SAME, _MOST, _FAR = 0.05, 0.1, 30, 0.5
+# Changes of shared numbers, of their deviations, where a fit ends, or what it begins at, and shares
+# of strengths that are none; iterations at most, and changes of unknowns at once.
+_SETTLED, _ROUGHLY, _SAME, _MOST, _FAR = 0.05, 1.0, 0.1, 30, 0.5
 # The least share of a change that is taken.
 _LEAST = 0.1
 
@@ -260,9 +260,11 @@ class Smoother:
         tell: Callable[[str, float], None],
         numbers: bool = True,
         slacks: Sequence[float] = (),
+        roughly: bool = False,
     ) -> Estimate:
         """The most likely estimate from another on, of the motion alone without `numbers`.
 
+        What another fit begins at is found `roughly`: within a deviation, and without the tilt.
         Steps may leave `slacks` times as much in the first iterations. Costs are no guide on the
         way: a step that changes numbers leaves what equations that are so sure punish at once, and
         the next one takes back. So numbers take a share of their changes, by the last one (Aitken).
@@ -298,8 +300,8 @@ class Smoother:
             # What further iterations would change, if each changes less by the same factor.
             rest = size**2 / max(was - size, 0.1 * size, 1e-9)
             same, last = np.max(np.abs(np.log(before / estimate.wind))) < _SAME, off
-            if same and (rest < _SETTLED if free else iteration > 2):
-                if free and estimate.tilt is None:
+            if same and (rest < (_ROUGHLY if roughly else _SETTLED) if free else iteration > 2):
+                if free and estimate.tilt is None and not roughly:
                     estimate.tilt, last = self._tilt(estimate), np.zeros(0)
                     continue
                 estimate.settled = True
