@@ -124,7 +124,8 @@ def flown(program, module, scenario):
         flight = simulate(module, read_scenario("hover", scenario | others), controller=law)
         late = flight.time >= 3.0
         here, there = (
-            module.frame_poses(q[late])[:, [0, -1], :3, 3] for q in (flight.q, flight.q_desired)
+            module.frame_poses(q[late])[:, [0, -1]][..., :3, 3]
+            for q in (flight.q, flight.q_desired)
         )
         off = np.sqrt(np.square(1e3 * (here - there)).sum(2).mean(0))
         told.append(f"{name} {off[0]:.1f} and {off[1]:.1f} mm" + " (lost)" * bool(flight.stopped))
