@@ -46,14 +46,13 @@ JOINTS = "position", "velocity", "torque"
 class InnerLoop:
     """What an action asks for, of `ACTIONS` and `JOINTS`; with "tip" joints have nothing of theirs.
 
-    The base `leans`, if its rotors push along one axis, joints `move` rotors, or servos hold the
-    joints `held`, by their numbers. `tip` is the number of the frame that is moved.
+    The base `leans`, if its rotors push along one axis; servos hold the joints `held`, by their
+    numbers. `tip` is the number of the frame that is moved.
     """
 
     action: str
     joints: str = "position"
     leans: bool = False
-    moves: bool = False
     held: tuple[int, ...] = ()
     tip: int = 0
 
@@ -91,9 +90,9 @@ class InnerLoop:
         if self.action == "tip":
             shapes["frame_damping"] = (3,)
         if count:
-            shapes |= {"centre": (3,)} | ({} if self.moves else {"distribution": (count, 6)})
+            shapes |= {"centre": (3,), "distribution": (count, 6)}
         if self.leans:
-            shapes |= {"mass": (), "weight": (3,)} | ({} if self.moves else {"axis": (3,)})
+            shapes |= {"mass": (), "weight": (3,), "axis": (3,)}
         action = variable("action", sum(map(len, self.parts(robot))))
         figures = (variable(name, *shape, uniform=True) for name, shape in shapes.items())
         return [action, robot.coordinates("target"), *figures]
@@ -112,7 +111,7 @@ class InnerLoop:
 
         none = zeros(len(robot.base_inputs))
         of_rotors = figure("centre", 3), figure("distribution", none.size, 6), zeros(none.size, 6)
-        rotors = Rotors(*of_rotors, none, none, limited=False, move=self.moves)
+        rotors = Rotors(*of_rotors, none, none, limited=False)
         force = carried(model, q, self._force(model, q, v, given, rotors))
         u, _ = inputs_of(model, q, force, rotors)
         if self.joints == "torque" and asked.size:

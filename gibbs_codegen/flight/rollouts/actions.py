@@ -43,26 +43,40 @@ class Actions:
     def of(
         cls,
         vehicle: Vehicle,
-        kinds: tuple[str, str],
+        kinds: tuple[str, str | None],
         limits: Array,
-        control: Control,
+        control: Control | None,
         ranges: Mapping[str, Any],
         hover: Array,
     ) -> Actions:
-        """Those of kinds of `ACTIONS`, or "inputs", and of `JOINTS`.
+        """Those of kinds of `ACTIONS`, or "inputs", and of `JOINTS` or None.
 
         `limits` (2, nu) are those of inputs or commands, and `hover` (nq) is where the machine is.
-        Raises `UsageError` for what the robot cannot do, and ranges that are none.
+        Raises `UsageError` for what the robot cannot do, or means nothing, and ranges that are
+        none.
         """
         action, joints = kinds
-        known: dict[str, tuple[str, ...]] = {"action": ("inputs", *ACTIONS), "joints": JOINTS}
+        known: dict[str, tuple[Any, ...]] = {
+            "action": ("inputs", *ACTIONS),
+            "joints": (None, *JOINTS),
+        }
         for (name, words), kind in zip(known.items(), kinds, strict=True):
             if kind not in words:
-                raise UsageError(f"{name}: one of {', '.join(words)}, not {printable(kind)}")
+                raise UsageError(
+                    f"{name}: one of {', '.join(filter(None, words))}, not {printable(kind)}"
+                )
+        if not isinstance(ranges, Mapping):
+            raise UsageError(f"ranges: values by name, not {printable(ranges)}")
+        if not isinstance(control, Control | None):
+            raise UsageError(f"control: a Control, not {printable(control)}")
+        idle = {"inputs": {"joints": joints, "control": control}, "tip": {"joints": joints}}
+        if given := [name for name, x in idle.get(action, {}).items() if x is not None]:
+            raise UsageError(f'{given[0]}: nothing with action="{action}"; leave it out')
         if action == "inputs":
-            made = cls(vehicle.commands, limits)
+            made = cls(vehicle.commands, limits.copy())
         else:
-            made = _with_loop(vehicle, action, joints, limits, control, hover)
+            chosen = joints or "position", limits, control or Control()
+            made = _with_loop(vehicle, action, *chosen, hover)
         for name, value in ranges.items():
             if name not in made.names:
                 raise UsageError(
@@ -78,6 +92,8 @@ class Actions:
                     f"ranges: {name}: the greatest value, or (least, greatest), not "
                     f"{printable(value)}"
                 )
+        if action == "inputs" and (made.ranges != np.clip(made.ranges, *limits)).any():
+            raise UsageError('ranges: with action="inputs" within limits, which motors hold to')
         return made
 
 
@@ -88,11 +104,11 @@ def _with_loop(
     places = vehicle.layout.v
     if action in ("rates", "attitude") and not vehicle.rotors:
         raise UsageError(
-            f'action: {vehicle.name} has no rotors, so that nothing turns its base: "{action}" is '
-            'none of its actions; choose "velocity" or "inputs"'
+            f'action: "{action}" is of robots with rotors, and {vehicle.name} has none; choose '
+            '"velocity" or "inputs"'
         )
     if action == "tip" and not vehicle.has_tip:
-        raise UsageError(f'action: {vehicle.name} has no tip; choose "velocity" or "inputs"')
+        raise UsageError(f'action: {vehicle.name} has no tip; choose another, such as "inputs"')
     if vehicle.wrenches_vary:
         raise UsageError(
             f"action: joints move the rotors of {vehicle.name}, or its base moves so that thrusts "

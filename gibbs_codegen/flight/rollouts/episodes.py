@@ -35,10 +35,16 @@ class EpisodeDistributions:
     not known, and for what is no number and no distribution.
     """
 
-    def __init__(self, values: Mapping[str, Any], usual: Mapping[str, float], what: str) -> None:
+    def __init__(
+        self,
+        what: str,
+        values: Mapping[str, Any],
+        usual: Mapping[str, float],
+        least: Mapping[str, float],
+    ) -> None:
         if not isinstance(values, Mapping):
             raise UsageError(f"{what}: values by name, not {printable(values)}")
-        self.what, self.values = what, dict(values)
+        self.what, self.values, self.least = what, dict(values), least
         self.drawn = [name for name, value in values.items() if hasattr(value, "ppf")]
         self.factors = dict.fromkeys(values, 1.0)
         for name, value in values.items():
@@ -57,7 +63,7 @@ class EpisodeDistributions:
     def __call__(self, shares: Array) -> dict[str, Array]:
         """Values (m) by name, of shares (m, number of drawn values) between 0 and 1.
 
-        Raises `UsageError` if a distribution gives what is not finite.
+        Raises `UsageError` if a distribution gives what is not finite, and for what is too small.
         """
         columns, values = dict(zip(self.drawn, shares.T, strict=True)), {}
         for name, value in self.values.items():
@@ -65,22 +71,28 @@ class EpisodeDistributions:
             values[name] = self.factors[name] * np.asarray(one, dtype=np.float64)
             if not np.all(np.isfinite(values[name])):
                 raise UsageError(f"{self.what}: {name}: its distribution gives no finite number")
+            if np.any(values[name] < (least := self.least.get(name, -math.inf))):
+                raise UsageError(f"{self.what}: {name}: must be {least:g} or more")
         return values
 
 
 class Episodes:
     """Values (n) of the episodes that are under way: by what they are of, and by names.
 
-    A part has values, and the usual ones of all names. Each environment draws
-    from its own random numbers, in the order of the parts.
+    A part has values, and the usual ones of all names. No value but of parameters is below the
+    `least` of its name. Each environment draws from its own random numbers, in the order of the
+    parts.
     """
 
     def __init__(
-        self, count: int, parts: Mapping[str, tuple[Mapping[str, Any], Mapping[str, float]]]
+        self,
+        count: int,
+        parts: Mapping[str, tuple[Mapping[str, Any], Mapping[str, float]]],
+        least: Mapping[str, float],
     ) -> None:
         self._count = count
         self._distributions = {
-            what: EpisodeDistributions(values, usual, what)
+            what: EpisodeDistributions(what, values, usual, least if what != "parameters" else {})
             for what, (values, usual) in parts.items()
         }
         self.values = {

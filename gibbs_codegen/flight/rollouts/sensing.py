@@ -26,7 +26,7 @@ class Sensors:
         self, vehicle: Vehicle, values: Mapping[str, Array], count: int, decision: float
     ) -> None:
         self._vehicle, self._values, self._decision = vehicle, values, decision
-        self._noise = np.zeros((count, 2 * vehicle.layout.v.size))
+        self._noise = np.zeros((count, vehicle.layout.displaced.size + vehicle.layout.v.size))
         # States of the last decisions, the latest first.
         start = np.concatenate([vehicle.neutral, np.zeros(vehicle.layout.v.size)])
         self._past = [np.tile(start, (count, 1))]
@@ -51,14 +51,12 @@ class Sensors:
         self._draw(rows, generators)
 
     def _draw(self, rows: Flags, generators: Sequence[np.random.Generator]) -> None:
-        places, sizes = self._vehicle.layout.v, np.zeros(self._noise.shape)
-        for half, kinds in enumerate(_NOISE):
-            for kind, place in zip(
-                kinds, (places.position, places.attitude, places.joints), strict=True
-            ):
-                if kind in self._values:
-                    deviations = self._values[kind][:, np.newaxis]
-                    sizes[:, half * places.size :][:, place] = deviations
+        layout, sizes = self._vehicle.layout, np.zeros(self._noise.shape)
+        parts = np.split(sizes, [layout.displaced.size], axis=1)
+        for part, kinds, places in zip(parts, _NOISE, (layout.displaced, layout.v), strict=True):
+            of_kinds = places.position, places.attitude, places.joints
+            for kind, place in zip(kinds, of_kinds, strict=True):
+                part[:, place] = np.reshape(self._values.get(kind, 0.0), (-1, 1))
         drawn = [each.standard_normal(sizes.shape[1]) for each in compress(generators, rows)]
         self._noise[rows] = sizes[rows] * np.reshape(drawn, (-1, sizes.shape[1]))
 
@@ -66,5 +64,5 @@ class Sensors:
         """Coordinates (n, nq) and velocities (n, nv) as they are observed."""
         states = np.stack(self._past)[self._ages, np.arange(len(self._ages))]
         q, v = np.split(states, [self._vehicle.layout.q.size], axis=1)
-        of_q, of_v = np.split(self._noise, 2, axis=1)
-        return self._vehicle.integrate(q, of_q), v + of_v
+        of_q, of_v = np.split(self._noise, [self._vehicle.layout.displaced.size], axis=1)
+        return self._vehicle.displaced(q, of_q), v + of_v

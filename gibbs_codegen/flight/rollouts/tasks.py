@@ -25,9 +25,11 @@ class Moment:
 
     - `time` (n): since the start of the episode, s; `begun` (n): whether it has just begun
     - `q` (n, nq), `v` (n, nv): coordinates and velocities
-    - `target` (n, nq), `target_v` (n, nv): coordinates that are wanted, and rates of their change
-    - `away` (n, nv): displacement from there, as the module's `difference` tells it: m and rad, of
-      a quaternion the rotation vector
+    - `target` (n, nq), `target_v` (n, nv): coordinates that are wanted, and velocities of a machine
+      that follows them
+    - `away` (n, nd): displacement from there, as `difference` of the module tells it, of a base
+      that drives with that to its left after that ahead: m and rad, of a quaternion the rotation
+      vector
     - `inputs` (n, nu): what is commanded, N, then N m or N of the joints; or commands of motors and
       servos, where the robot file describes actuators; with an inner loop the action (n, na)
     - `thrusts` (n, rotors): what the motors give, N
@@ -91,7 +93,7 @@ def is_lost(now: Moment) -> Flags:
 
 
 def away_and_rates(now: Moment) -> Array:
-    """Observation (n, 2 nv) of hovering: the displacement, and the velocities."""
+    """Observation (n, nd + nv) of hovering: the displacement, and the velocities."""
     return np.concatenate([now.away, now.v], axis=1)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import operator
 import os
@@ -53,6 +54,10 @@ Infos = dict[str, Any]
 _GREATEST_SINGLE = float(np.finfo(np.float32).max)
 # Greatest rates of targets that swing, rad/s, and the force of a push, N, if nothing is said.
 _SWINGING, _FORCE = Between(0.3, 1.5), 5.0
+# Least values of what episodes draw, by name.
+_LEAST = dict.fromkeys((*SENSED, "time_constant", "strength"), 0.0) | {"force": 1e-3}
+# Between targets whose differences tell rates, s: these err by its square, and by rounding.
+_APART = 1e-4
 
 
 class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
@@ -71,11 +76,13 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         num_envs: How many environments there are, n.
         hover: Coordinates (nq) that are wanted; None for those of zero.
         offsets, rates: Displacements from there, m and rad, and velocities, m/s and rad/s, with
-            which an episode begins, by names of the module's `VELOCITIES`; zero if left out. They
-            are numbers, or distributions that every episode draws from, such as
-            `gibbs_codegen.uniform(-1, 1)` or those of `scipy.stats`.
+            which an episode begins, by names of the module's `VELOCITIES`, and of a base that
+            drives "vy", a displacement to its left; zero if left out. They are numbers, or
+            distributions that every episode draws from, such as `gibbs_codegen.uniform(-1, 1)` or
+            those of `scipy.stats`.
         action, joints: What actions ask of the base or the tip, "inputs", "rates", "attitude",
-            "velocity" or "tip", and of the joints, "position", "velocity" or "torque".
+            "velocity" or "tip", and of the joints, "position", "velocity" or "torque"; None for
+            "position".
         ranges: The greatest values of entries of actions by their names, or the least and the
             greatest ones; others are those of the documentation, and of limits of joints.
         control: Frequencies of the inner loop, as a scenario has them; None for its defaults.
@@ -122,7 +129,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         offsets: Mapping[str, Any] | None = None,
         rates: Mapping[str, Any] | None = None,
         action: str = "inputs",
-        joints: str = "position",
+        joints: str | None = None,
         ranges: Mapping[str, Any] | None = None,
         control: Control | None = None,
         task: str = "hover",
@@ -157,6 +164,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         self._vehicle = vehicle = Vehicle(module)
         self._threads = whole("threads", threads)
         nq, nv = vehicle.layout.q.size, vehicle.layout.v.size
+        self._directions = [name for name, _ in vehicle.layout.displacements]
         arguments, actuators = (
             RolloutArguments(module, whole("steps", steps)),
             module_actuators(vehicle),
@@ -188,8 +196,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         self._holding, self._resting = np.clip(inputs, *self._limits), x
         thrusts = np.tile(self._holding[: vehicle.rotors], (self.num_envs, 1))
         self._motors = replace(motors, thrusts=thrusts)
-        kinds, chosen = (action, joints), Control() if control is None else control
-        self._actions = Actions.of(vehicle, kinds, self._limits, chosen, ranges or {}, self._hover)
+        asked = (action, joints), self._limits, control, {} if ranges is None else ranges
+        self._actions = Actions.of(vehicle, *asked, self._hover)
         self.actions = self._actions.names
         # The surroundings of the machines, and the problem of a decision.
         hovering, varied = self._hover[np.newaxis], (wind, payloads)
@@ -226,22 +234,30 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         self._reward, self._observe = reward or chosen_task.reward, observe or chosen_task.observe
         self._terminated = terminated
         zero = dict.fromkeys(module.VELOCITIES, 0.0)
-        moving = self._spread(chosen_task.swing) if swings is None else swings
+        away = dict.fromkeys(self._directions, 0.0)
+        moving = self._spread(chosen_task.swing, swings=True) if swings is None else swings
         wanted = self._spread(chosen_task.spread) if targets is None else targets
+        each = tuple(moving) if isinstance(moving, Mapping) else ()
         self._episodes = Episodes(
             self.num_envs,
             {
-                "offsets": (offsets or {}, zero),
+                "offsets": (offsets or {}, away),
                 "rates": (rates or {}, zero),
                 "parameters": (parameters or {}, module.PARAMETERS),
-                "targets": (wanted, zero | {"force": _FORCE}),
+                "targets": (wanted, away | {"force": _FORCE}),
                 "swings": (moving, zero),
-                "swing_rates": (dict.fromkeys(moving, swing_rates), zero),
-                "phases": (dict.fromkeys(moving, Between(0.0, 2.0 * math.pi)), zero),
+                "swing_rates": (dict.fromkeys(each, swing_rates), zero),
+                "phases": (dict.fromkeys(each, Between(0.0, 2.0 * math.pi)), zero),
                 "disturbances": (disturbances or {}, self._usual()),
                 "sensors": (sensors or {}, dict.fromkeys(SENSED, 0.0)),
             },
+            _LEAST,
         )
+        if vehicle.layout.has_drive and each and {"vx", "wz"} <= {*each, *wanted}:
+            raise UsageError(
+                f"swings: targets of {vehicle.name} that go ahead and are turned would slip "
+                "sideways, as it cannot; let vx or wz out of swings and targets"
+            )
         sensed = self._episodes.values["sensors"]
         self._sensors = Sensors(vehicle, sensed, self.num_envs, steps * dt) if sensed else None
         self.data: dict[str, Any] = {}
@@ -421,10 +437,13 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         drawn = self._episodes.draw(rows, self._generators)
         now, parameters = self._now, drawn["parameters"]
         away, v = (
-            self._episodes.table(what, self._vehicle.module.VELOCITIES)[rows]
-            for what in ("offsets", "rates")
+            self._episodes.table(what, names)[rows]
+            for what, names in (
+                ("offsets", self._directions),
+                ("rates", self._vehicle.module.VELOCITIES),
+            )
         )
-        now.q[rows] = self._vehicle.integrate(self._hover, away)
+        now.q[rows] = self._vehicle.displaced(self._hover, away)
         now.v[rows] = v
         now.inputs[rows] = 0.0 if self._actions.loop else self._holding
         self._motors.thrusts[rows] = self._holding[: self._vehicle.rotors]
@@ -484,7 +503,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
 
     def _task(self, name: str) -> Task:
         """The task of a name; raises `UsageError` for another, and for what it lacks."""
-        if name not in TASKS:
+        if name not in [*TASKS]:
             raise UsageError(f"task: one of {', '.join(TASKS)}, not {printable(name)}")
         there = {"tip": self._vehicle.has_tip, "walls": bool(self._now.around.contacts)}
         for need in TASKS[name].needs:
@@ -492,17 +511,34 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
                 raise UsageError(f"task: {name} needs {need}: {self._vehicle.name} has none here")
         return TASKS[name]
 
-    def _spread(self, size: float) -> dict[str, Any]:
-        """Distributions of displacements of position and joints by so much, m and rad."""
-        names, places = self._vehicle.module.VELOCITIES, self._vehicle.layout.v
-        moved = (*names[places.position], *names[places.joints])
-        return dict.fromkeys(moved, Between(-size, size)) if size else {}
+    def _spread(self, size: float, *, swings: bool = False) -> dict[str, Any]:
+        """Distributions of displacements of position and joints by so much, m and rad.
+
+        Joints stay within their limits. Raises `UsageError` if `hover` is beyond them.
+        """
+        if not size:
+            return {}
+        vehicle, layout = self._vehicle, self._vehicle.layout
+        room = module_actuators(vehicle).joints - self._hover[vehicle.arm]
+        if beyond := [*itertools.compress(vehicle.joint_names, (room * [[1], [-1]] > 0).any(0))]:
+            raise UsageError(
+                f"hover: {', '.join(beyond)}: beyond COORDINATE_LIMITS, within which the targets "
+                "of a task are; give another hover, or targets and swings"
+            )
+        ends = np.tile([[-size], [size]], layout.displaced.size)
+        ends[:, layout.displaced.joints] = np.clip(room, -size, size)
+        if swings:
+            ends = np.abs(ends).min(axis=0) * [[-1.0], [1.0]]
+        turns = range(layout.displaced.size)[layout.displaced.attitude]
+        chosen = layout.paired if swings else range(layout.displaced.size)
+        return {self._directions[k]: Between(*ends[:, k]) for k in chosen if k not in turns}
 
     def _usual(self) -> dict[str, float]:
         """Values of disturbances if nothing is said."""
         usual = {f"{frame}_{axis}": 0.0 for frame in self._vehicle.frames for axis in "xyz"}
-        if self._vehicle.rotors:
-            usual["strength"] = 1.0
+        if rotors := self._vehicle.rotors:
+            if np.isfinite(self._limits[1, :rotors]).all():
+                usual["strength"] = 1.0
             if not self._driven:
                 usual["time_constant"] = float(np.mean(self._motors.time_constants))
         if self._surrounded.wind is not None:
@@ -515,7 +551,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         values, rotors = self._episodes.values["disturbances"], self._vehicle.rotors
         if "time_constant" in values:
             lag = np.repeat(values["time_constant"][:, np.newaxis], rotors, axis=1)
-            self._motors = replace(self._motors, time_constants=np.maximum(lag, 0.0))
+            self._motors = replace(self._motors, time_constants=lag)
         if "strength" in values:
             most = np.tile(self._limits[1], (self.num_envs, 1))
             most[:, :rotors] *= values["strength"][:, np.newaxis]
@@ -535,22 +571,27 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             self._pushes = pushes
 
     def _wanted_at(self, time: Array) -> tuple[Array, Array, Array]:
-        """Coordinates that are wanted at times (…, n), rates of their change, and of these."""
-        parts, names = self._episodes, self._vehicle.module.VELOCITIES
+        """Coordinates that are wanted at times (…, n), velocities and accelerations with them."""
         middle, size, rate, phase = (
-            parts.table(what, names) for what in ("targets", "swings", "swing_rates", "phases")
+            self._episodes.table(what, self._directions)
+            for what in ("targets", "swings", "swing_rates", "phases")
         )
-        angle = rate * time[..., np.newaxis] + phase
-        hover = np.broadcast_to(self._hover, (*time.shape, len(self._hover)))
-        q = self._vehicle.integrate(hover, middle + size * np.sin(angle))
-        return q, size * rate * np.cos(angle), -size * rate * rate * np.sin(angle)
+
+        def at(h: float) -> Array:
+            angle = rate * (time + h)[..., np.newaxis] + phase
+            return self._vehicle.displaced(self._hover, middle + size * np.sin(angle))
+
+        q, v, a = at(0.0), *np.zeros((2, *time.shape, self._now.v.shape[1]))
+        if self._episodes.values["swings"]:
+            back, on = (self._vehicle.module.difference(q, at(h)) for h in (-_APART, _APART))
+            v, a = (on - back) / (2.0 * _APART), (on + back) / _APART**2
+        return q, v, a
 
     def _sensed(self, now: Moment) -> Moment:
         """A moment with coordinates and velocities as sensors tell them."""
         assert self._sensors is not None  # noqa: S101 - there are some
         q, v = self._sensors.read()
-        away = np.asarray(self._vehicle.module.difference(now.target, q))
-        return replace(now, q=q, v=v, away=away)
+        return replace(now, q=q, v=v, away=self._vehicle.displacement(now.target, q))
 
     def _time(self) -> Array:
         """Lengths of episodes (n), s."""
@@ -576,7 +617,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         return self._values_of("reward", self._reward, now).astype(np.float64)
 
     def _moment(self) -> Moment:
-        now, places, thrusts = self._now, self._vehicle.layout.v, self._motors.thrusts
+        now, places, thrusts = self._now, self._vehicle.layout.displaced, self._motors.thrusts
         (target, target_v, _), module = self._target, self._vehicle.module
         if self._driven:
             x = np.zeros((self.num_envs, 0)) if now.x is None else now.x
@@ -589,7 +630,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             self._time(),
             now.q.copy(),
             now.v.copy(),
-            np.asarray(module.difference(target, now.q)),
+            self._vehicle.displacement(target, now.q),
             now.inputs[:, 0].copy(),
             thrusts.copy(),
             places.attitude,

@@ -45,7 +45,8 @@ def actions_of(module: ModuleType, action: str, joints: str) -> tuple[Vehicle, A
     posture = vehicle.neutral.copy()
     posture[vehicle.arm] = np.linspace(-0.6, 0.7, vehicle.joints)
     limits = np.tile([[-np.inf], [np.inf]], len(vehicle.inputs))
-    return vehicle, Actions.of(vehicle, (action, joints), limits, CONTROL, {}, posture), posture
+    kinds = action, None if action == "tip" else joints
+    return vehicle, Actions.of(vehicle, kinds, limits, CONTROL, {}, posture), posture
 
 
 def problem(module: ModuleType, kinds: tuple[str, str], **others: Any) -> tuple[Problem, Actions]:

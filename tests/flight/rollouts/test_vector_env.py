@@ -22,7 +22,9 @@ from scipy.stats import norm, uniform
 
 from gibbs_codegen import rollout, scaled
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.rollouts.tasks import is_lost
 from gibbs_codegen.flight.rollouts.vector_env import Moment, VectorEnv
+from gibbs_codegen.flight.scenario.parts import Control
 from gibbs_codegen.flight.scenario.walls import Plane
 from gibbs_codegen.runtime.rollouts import DIVERGED, OUT_OF_BOUNDS
 
@@ -195,6 +197,80 @@ def test_targets_swing_and_observations_are_late(quadrotor: ModuleType) -> None:
     assert not moments[-1].begun.any()
     ours.data["mine"] = 3
     assert ours.now.data == {"mine": 3}
+
+
+def test_a_target_that_turns_moves_at_its_velocity(quadrotor: ModuleType) -> None:
+    """Integrated by the module along the velocities and accelerations that are told."""
+    swings = {name: uniform(0.2, 0.3) for name in quadrotor.VELOCITIES}
+    h, targets = 1e-3, {"wz": 1.0, "wx": -0.5}
+    ours = VectorEnv(
+        quadrotor, 5, limits=(0, 8), swings=swings, targets=targets, steps=1, dt=h, task="track"
+    )
+    ours.reset(seed=0)
+    now = ours.now
+    _, v, a = ours._target
+    ours.step(np.zeros((5, 4)))
+    after, v_after, _ = ours._target
+    moved = quadrotor.integrate(now.target, h * (v + v_after) / 2.0)
+    np.testing.assert_allclose(quadrotor.difference(moved, after), 0.0, atol=2e-9)
+    np.testing.assert_allclose(v_after - v, h * (a + ours._target[2]) / 2.0, atol=2e-9)
+
+
+def test_a_base_that_drives_is_off_sideways_too(shipped: Load) -> None:
+    """It is lost there, begins there, and has targets and noise there; rates are ahead alone."""
+    rover = shipped("rover_arm")
+    place, settings = rover.COORDINATES.index("y"), {"limits": (-5.0, 5.0)}
+    ours = VectorEnv(rover, 3, offsets={"vy": uniform(-3.0, 6.0)}, **settings)
+    seen, _ = ours.reset(seed=1)
+    now = ours.now
+    assert seen.shape == (3, len(rover.VELOCITIES) * 2 + 1)
+    np.testing.assert_allclose(now.away[:, 1], now.q[:, place])
+    np.testing.assert_allclose(ours.rewards(now), 1.0 / (1.0 + now.q[:, place] ** 2))
+    far = VectorEnv(rover, 2, offsets={"vy": 3.1}, **settings)
+    far.reset()
+    assert is_lost(far.now).all()
+    ours = VectorEnv(rover, 400, task="reach", sensors={"position": 0.1}, **settings)
+    seen, _ = ours.reset(seed=0)
+    assert np.ptp(ours.now.target[:, place]) > 0.9
+    np.testing.assert_allclose((seen[:, :2] - ours.now.away[:, :2]).std(0), 0.1, rtol=0.1)
+    for wrong, message in (
+        ({"swings": {"vy": 1.0}}, "swings: vy: unknown"),
+        ({"swings": {"vx": 1.0}, "targets": {"wz": 1.0}}, "would slip sideways"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            VectorEnv(rover, 2, **settings, **wrong)
+
+
+@pytest.mark.parametrize("task", ["reach", "track"])
+def test_targets_of_tasks_are_within_limits_of_joints(shipped: Load, task: str) -> None:
+    panda = shipped("panda")
+    with pytest.raises(UsageError, match=r"hover: joint4: beyond COORDINATE_LIMITS"):
+        VectorEnv(panda, 2, task=task)
+    low, high = np.transpose([panda.COORDINATE_LIMITS[name] for name in panda.COORDINATES])
+    hover = 0.9 * high + 0.1 * low
+    ours = VectorEnv(panda, 300, task=task, hover=hover)
+    ours.reset(seed=0)
+    wanted = [ours.now.target]
+    for _ in range(20):
+        ours.step(np.zeros((300, ours.single_action_space.shape[0])))
+        wanted.append(ours.now.target)
+    assert np.all((np.array(wanted) >= low) & (np.array(wanted) <= high))
+    assert np.ptp(wanted[0], axis=0).min() > 0.3
+
+
+def test_bristles_of_friction_go_from_decision_to_decision(quadrotor: ModuleType) -> None:
+    """As of one rollout through both, of a machine that slides over the ground."""
+    ground = Plane(frame="base", point=(0, 0, 0.001), normal=(0, 0, 1), stiffness=2e3, friction=0.5)
+    settings = {"walls": [ground], "dt": 1e-3, "normalised": False, "limits": (0.0, 8.0)}
+    ours = VectorEnv(quadrotor, 2, rates={"vx": uniform(0.1, 0.2)}, time_constants=0.0, **settings)
+    ours.reset(seed=0)
+    now, inputs = ours.now, np.full((2, 4), 1.0)
+    for _ in range(2):
+        ours.step(inputs)
+    held = inputs[:, np.newaxis]
+    once = rollout(quadrotor, now.q, now.v, held, 20, 1e-3, walls=[ground], time_constants=0.0)
+    np.testing.assert_allclose(ours.now.v, once.v[:, -1], atol=1e-12)
+    assert np.all(np.abs(once.v[:, -1, 0]) < 0.95 * now.v[:, 0])
 
 
 def test_noise_is_as_wide_as_it_is_told(quadrotor: ModuleType) -> None:
@@ -381,6 +457,13 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"task": "push"}, "task: push needs tip: quadrotor has none here"),
     ({"disturbances": {"wind_x": 1.0}}, "disturbances: wind_x: unknown; known: base_x"),
     ({"sensors": {"delay": "long"}}, "sensors: delay: a finite number or a distribution"),
+    ({"ranges": 3}, "ranges: values by name, not 3"),
+    ({"ranges": {"F_front_left": (-5.0, 30.0)}}, 'ranges: with action="inputs" within limits'),
+    ({"task": ["hover"]}, "task: one of hover, reach, track, push, not"),
+    ({"joints": "torque"}, 'joints: nothing with action="inputs"; leave it out'),
+    ({"control": Control()}, 'control: nothing with action="inputs"; leave it out'),
+    ({"action": "rates", "control": 5}, "control: a Control, not 5"),
+    ({"swings": 3}, "swings: values by name, not 3"),
     ({"observe": lambda now: now.time}, r"observe: an array \(3, m\), not of shape \(3,\)"),
 ]
 
@@ -390,6 +473,31 @@ def test_what_is_wrong_is_told(quadrotor: ModuleType, wrong: dict[str, Any], mes
     given = {"num_envs": 3, "limits": (0.0, 8.0), **wrong}
     with pytest.raises(UsageError, match=message):
         VectorEnv(quadrotor, **given)
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "least"),
+    [
+        ("disturbances", "strength", "0"),
+        ("disturbances", "time_constant", "0"),
+        ("sensors", "position", "0"),
+        ("sensors", "delay", "0"),
+        ("targets", "force", "0.001"),
+    ],
+)
+def test_what_is_drawn_too_small_is_told(
+    quadrotor: ModuleType, part: str, name: str, least: str
+) -> None:
+    ours = VectorEnv(quadrotor, 9, limits=(0.0, 8.0), **{part: {name: uniform(-1.0, 1.1)}})
+    with pytest.raises(UsageError, match=f"{part}: {name}: must be {least} or more"):
+        ours.reset(seed=0)
+
+
+def test_motors_without_limits_have_no_strength(quadrotor: ModuleType) -> None:
+    """It would be a factor of what is infinite."""
+    free = {"limits": (-np.inf, np.inf), "normalised": False}
+    with pytest.raises(UsageError, match="disturbances: strength: unknown"):
+        VectorEnv(quadrotor, 2, disturbances={"strength": 0.0}, **free)
 
 
 def test_wrong_actions_and_results_are_told(quadrotor: ModuleType) -> None:
