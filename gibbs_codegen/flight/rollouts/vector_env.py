@@ -114,7 +114,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         normalised: Whether actions are between −1 and 1.
         autoreset_mode: When an environment begins its next episode.
         precision, threads: "double" or "single", and how many threads share the environments.
-        tensors: Whether observations, rewards and flags are tensors of PyTorch.
+        tensors: Whether observations, rewards and flags are tensors of PyTorch; `infos` have none.
 
     Raises:
         UsageError: If something does not fit the robot.

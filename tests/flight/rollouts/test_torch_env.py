@@ -134,7 +134,7 @@ def test_a_policy_commands_what_actions_of_its_network_do(robot: ModuleType) -> 
 def test_targets_swing_and_disturbances_act_as_in_a_vector_environment(
     robot: ModuleType, action: str
 ) -> None:
-    """Of inner loops too, and so are targets where they will be."""
+    """Of inner loops too, so are rewards, and targets where they will be."""
     settings = SETTINGS | {
         "duration": 0.3,
         "action": action,
@@ -148,13 +148,23 @@ def test_targets_swing_and_disturbances_act_as_in_a_vector_environment(
     def ahead(now: Situation) -> Node:
         return join(observe(now), *(now.q_ahead[k][0] for k in range(3)), now.ways_ahead[1][0])
 
-    ours = TorchEnv(robot, 4, observe=ahead, reward=reward, **settings)
-    theirs = VectorEnv(robot.in_c, 4, observe=seen, autoreset_mode="SameStep", **settings)
+    def near(now: Situation, u: Node) -> Node:
+        return -total(now.errors[0] * now.errors[0]) - total(now.v * now.v)
+
+    def also_near(now: Moment) -> np.ndarray:
+        off = [(now.q - now.target)[:, :3], now.away[:, now.base_rotation], now.v]
+        return -(np.hstack(off) ** 2).sum(axis=1)
+
+    ours = TorchEnv(robot, 4, observe=ahead, reward=near, **settings)
+    settings |= {"observe": seen, "reward": also_near, "autoreset_mode": "SameStep"}
+    theirs = VectorEnv(robot.in_c, 4, **settings)
     first, targets = ours.reset(seed=5)[0], []
     theirs.reset(seed=5)
     for actions in torch.rand(20, 4, 4, generator=torch.Generator().manual_seed(0)) - 0.3:
-        found, right = ours.step(actions)[0], theirs.step(actions.numpy())[0]
+        found, rewards, *_ = ours.step(actions)
+        right, worth, *_ = theirs.step(actions.numpy())
         np.testing.assert_allclose(found[:, :20].numpy(), right[:, :20], rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(rewards.numpy(), worth, rtol=1e-6, atol=1e-9)
         targets.append(right[:, 17] + right[:, 0])
     np.testing.assert_allclose(first[:, 29], targets[4], rtol=1e-6, atol=1e-6)  # in 0.1 s
     np.testing.assert_allclose(first[:, 30], targets[9], rtol=1e-6, atol=1e-6)
