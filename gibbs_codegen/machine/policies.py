@@ -172,8 +172,13 @@ def policy_program(
     return Program(name, (*own, *(x for x in read if x not in own)), {"u": u})
 
 
-def commanded(actions: Node, ranges: Any, *, normalised: bool = True) -> Node:
-    """What actions (na), if `normalised` between -1 and 1, stand for in ranges (2, na)."""
+def commanded(
+    actions: Any, ranges: Any, clip: Callable[..., Any] = clip, *, normalised: bool = True
+) -> Any:
+    """What actions (na), nodes or as `clip` takes, stand for in ranges (2, na).
+
+    If they are `normalised`, they are between -1 and 1.
+    """
     least, most = np.asarray(ranges, dtype=float)
     if normalised:
         actions = least + (0.5 * (most - least)) * (clip(actions, -1.0, 1.0) + 1.0)

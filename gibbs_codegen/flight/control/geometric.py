@@ -20,6 +20,7 @@ import numpy as np
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.control.laws import Controller, curve_tables
 from gibbs_codegen.flight.plant.allocation import LEANS_BY_THRUST, force_axis
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.reference import Motion, Reference
 from gibbs_codegen.flight.vectors import Array, times
 
@@ -49,9 +50,7 @@ class LeaningController(Controller):
     @cached_property
     def values(self) -> dict[str, Any]:
         """Those of any law, and what it knows of the robot as a whole."""
-        axis = force_axis(self.vehicle.thrust_wrenches())
-        mass = float(self.vehicle.mass)
-        return {**super().values, "mass": mass, "weight": self.weight, "axis": axis}
+        return {**super().values, **leaning_figures(self.vehicle)}
 
     @cached_property
     def externals(self) -> dict[str, Callable[..., Any]]:
@@ -66,20 +65,27 @@ class LeaningController(Controller):
     @cached_property
     def weight(self) -> Array:
         """The force (3) that holds the robot, N, world axes."""
-        return self._force(self.vehicle.neutral, np.zeros((2, self.vehicle.layout.v.size)))
+        weight: Array = leaning_figures(self.vehicle)["weight"]
+        return weight
 
     @cached_property
     def centre(self) -> Reference:
         """Desired position, velocity and acceleration (…, 3) of the centre of mass in time."""
         time = self.reference.knots
         q, v, a = self.reference(time)
-        acceleration = (self._force(q, np.stack([v, a])) - self.weight) / self.vehicle.mass
+        acceleration = (_force(self.vehicle, q, v, a) - self.weight) / self.vehicle.mass
         velocity = times(self.vehicle.centre_of_mass_jacobian(q), v)
         return Reference(Motion(time, self.vehicle.centre_of_mass(q), velocity, acceleration))
 
-    def _force(self, q: Array, rates: Array) -> Array:
-        """Force (…, 3) of all rotors, of velocities and accelerations (2, …, nv); world axes."""
-        generalised = self.vehicle.inverse_dynamics(q, *rates)
-        return times(
-            self.vehicle.base_rotation(q), self.vehicle.base_wrench(q, generalised)[..., :3]
-        )
+
+def leaning_figures(vehicle: Vehicle) -> dict[str, Any]:
+    """What laws know of a robot as a whole: mass, kg, weight (3), N, thrust axis (3)."""
+    weight = _force(vehicle, vehicle.neutral, *np.zeros((2, vehicle.layout.v.size)))
+    axis = force_axis(vehicle.thrust_wrenches())
+    return {"mass": float(vehicle.mass), "weight": weight, "axis": axis}
+
+
+def _force(vehicle: Vehicle, q: Array, v: Array, a: Array) -> Array:
+    """Force (…, 3) of all rotors, of coordinates, velocities and accelerations; world axes."""
+    wrench = vehicle.base_wrench(q, vehicle.inverse_dynamics(q, v, a))
+    return times(vehicle.base_rotation(q), wrench[..., :3])

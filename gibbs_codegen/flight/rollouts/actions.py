@@ -15,6 +15,7 @@ import numpy as np
 from gibbs_codegen.arrays import Functions
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.control.choice import gains_of, law_of
+from gibbs_codegen.flight.control.geometric import leaning_figures
 from gibbs_codegen.flight.plant.actuators import holds, module_actuators
 from gibbs_codegen.flight.plant.allocation import allocation_of, thrust_axis
 from gibbs_codegen.flight.plant.vehicle import Array, Vehicle
@@ -69,9 +70,10 @@ class Actions:
             raise UsageError(f"ranges: values by name, not {printable(ranges)}")
         if not isinstance(control, Control | None):
             raise UsageError(f"control: a Control, not {printable(control)}")
-        idle = {"inputs": {"joints": joints, "control": control}, "tip": {"joints": joints}}
-        if given := [name for name, x in idle.get(action, {}).items() if x is not None]:
-            raise UsageError(f'{given[0]}: nothing with action="{action}"; leave it out')
+        idle = (joints, action in ("inputs", "tip")), (control, action == "inputs")
+        for name, (value, means_nothing) in zip(("joints", "control"), idle, strict=True):
+            if value is not None and means_nothing:
+                raise UsageError(f'{name}: nothing with action="{action}"; leave it out')
         if action == "inputs":
             made = cls(vehicle.commands, limits.copy())
         else:
@@ -116,10 +118,9 @@ def _with_loop(
         )
     q = hover[np.newaxis]
     law_of("tracking", vehicle, q, f'action="{action}"')
-    axis = thrust_axis(vehicle, q)
     held = tuple(k for k in range(vehicle.joints) if holds(vehicle, k))
     tip = vehicle.frames.index("tip") if action == "tip" else 0
-    loop = InnerLoop(action, joints, axis is not None, held=held, tip=tip)
+    loop = InnerLoop(action, joints, thrust_axis(vehicle, q) is not None, held, tip)
     robot = Functions(vehicle.module)
     parts = loop.parts(robot)
     gains = gains_of(control, vehicle, loop.leans, held)
@@ -137,13 +138,8 @@ def _with_loop(
         "centre": vehicle.lever,
         "distribution": allocation_of(vehicle).inverse,
     }
-    if axis is not None:
-        still = np.zeros((2, places.size))
-        force = vehicle.inverse_dynamics(vehicle.neutral, *still)
-        weight = (
-            vehicle.base_rotation(vehicle.neutral) @ vehicle.base_wrench(vehicle.neutral, force)[:3]
-        )
-        figures |= {"mass": float(vehicle.mass), "weight": weight, "axis": axis[0]}
+    if loop.leans:
+        figures |= leaning_figures(vehicle)
     loads = {x.operation.name: x for x in loop.inputs(robot)[2:]}  # type: ignore[union-attr]
     actuators = module_actuators(vehicle)
     of_joints = {

@@ -118,4 +118,4 @@ class Episodes:
     def table(self, what: str, names: Sequence[str]) -> Array:
         """Values (n, names) of a part, 0 of names that it has not."""
         values, zero = self.values[what], np.zeros(self._count)
-        return np.stack([zero, *(values.get(name, zero) for name in names)], axis=1)[:, 1:]
+        return np.column_stack([values.get(name, zero) for name in names])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -34,7 +34,7 @@ class Moment:
       servos, where the robot file describes actuators; with an inner loop the action (n, na)
     - `thrusts` (n, rotors): what the motors give, N
     - `x` (n, nx): states of the actuators that the robot file describes, if they have any
-    - `tip_away` (n, 3): the tip less that of the target, m, world axes
+    - `tip_away` (n, 3): how far the tip is from where it is at the target, m, world axes
     - `touch` (n, 3): the force of walls on the tip, N, world axes, 0 without; `force` (n): how hard
       it is to be, N
     - `data`: whatever users keep there
@@ -49,17 +49,17 @@ class Moment:
     thrusts: Array
     base_rotation: slice
     base_position: slice
-    x: Array | None = None
-    target: Array = field(default_factory=lambda: np.zeros(0))
-    target_v: Array = field(default_factory=lambda: np.zeros(0))
-    touch: Array = field(default_factory=lambda: np.zeros(3))
-    force: Array = field(default_factory=lambda: np.zeros(1))
-    data: dict[str, Any] = field(default_factory=dict)
-    tip_pose: Callable[[Array], Array] | None = None
+    x: Array | None
+    target: Array
+    target_v: Array
+    touch: Array
+    force: Array
+    data: dict[str, Any]
+    tip_pose: Callable[[Array], Array] | None
 
     @cached_property
     def tip_away(self) -> NDArray[Any]:
-        """The tip less that of the target (n, 3), 0 of a robot without one."""
+        """How far the tip (n, 3) is from where it is at the target, 0 of a robot without one."""
         if self.tip_pose is None:
             return np.zeros((len(self.q), 3))
         found, wanted = (self.tip_pose(q)[:, :3, 3] for q in (self.q, self.target))
@@ -80,9 +80,10 @@ def _squares(x: Array) -> Array:
     return total
 
 
-def nearness(now: Moment) -> Array:
-    """Reward (n) of hovering: 1 at rest where the machine is wanted, less elsewhere, above 0."""
-    return 1.0 / (1.0 + _squares(now.away) + _RATES * _squares(now.v))
+def _worth(off: Array, rates: Array) -> Array:
+    """Rewards (n), 1 of what is not off (n) at all and has no rates (n, nv), above 0."""
+    worth: Array = 1.0 / (1.0 + off + _RATES * _squares(rates))
+    return worth
 
 
 def is_lost(now: Moment) -> Flags:
@@ -92,55 +93,44 @@ def is_lost(now: Moment) -> Flags:
     return far | turned
 
 
-def away_and_rates(now: Moment) -> Array:
-    """Observation (n, nd + nv) of hovering: the displacement, and the velocities."""
-    return np.concatenate([now.away, now.v], axis=1)
+def _hovering(now: Moment) -> Array:
+    return _worth(_squares(now.away), now.v)
 
 
 def _following(now: Moment) -> Array:
-    return 1.0 / (1.0 + _squares(now.away) + _RATES * _squares(now.v - now.target_v))
-
-
-def _with_target_rates(now: Moment) -> Array:
-    return np.concatenate([now.away, now.v, now.target_v], axis=1)
+    return _worth(_squares(now.away), now.v - now.target_v)
 
 
 def _reaching(now: Moment) -> Array:
-    off = _TIP * _squares(now.tip_away) + _POSTURE * _squares(now.away)
-    return 1.0 / (1.0 + off + _RATES * _squares(now.v))
-
-
-def _with_tip(now: Moment) -> Array:
-    return np.concatenate([now.away, now.v, now.tip_away], axis=1)
+    return _worth(_TIP * _squares(now.tip_away) + _POSTURE * _squares(now.away), now.v)
 
 
 def _pushing(now: Moment) -> Array:
     missing = np.linalg.norm(now.touch, axis=1) / now.force - 1.0
-    off = missing**2 + _POSTURE * _squares(now.away) + _RATES * _squares(now.v)
-    return 1.0 / (1.0 + off)
-
-
-def _with_touch(now: Moment) -> Array:
-    return np.concatenate([now.away, now.v, now.touch, now.force[:, np.newaxis]], axis=1)
+    return _worth(missing**2 + _POSTURE * _squares(now.away), now.v)
 
 
 @dataclass(frozen=True)
 class Task:
-    """A reward and an observation, and how far targets are from `hover`, and swing, m and rad.
+    """A reward, what is `seen` beside `away` and `v`, how far targets are, and swing, m and rad.
 
     `needs` says what environments of it must have: a "tip" of the robot, "walls".
     """
 
     reward: Measure
-    observe: Measure
+    seen: tuple[str, ...] = ()
     spread: float = 0.0
     swing: float = 0.0
     needs: tuple[str, ...] = ()
 
+    def observe(self, now: Moment) -> Array:
+        """Observations (n, m)."""
+        return np.column_stack([now.away, now.v, *(getattr(now, name) for name in self.seen)])
+
 
 TASKS = {
-    "hover": Task(nearness, away_and_rates),
-    "reach": Task(_reaching, _with_tip, spread=0.5, needs=("tip",)),
-    "track": Task(_following, _with_target_rates, swing=0.5),
-    "push": Task(_pushing, _with_touch, needs=("tip", "walls")),
+    "hover": Task(_hovering),
+    "reach": Task(_reaching, ("tip_away",), spread=0.5, needs=("tip",)),
+    "track": Task(_following, ("target_v",), swing=0.5),
+    "push": Task(_pushing, ("touch", "force"), needs=("tip", "walls")),
 }

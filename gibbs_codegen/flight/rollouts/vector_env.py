@@ -28,6 +28,7 @@ from gibbs_codegen.flight.rollouts.tasks import TASKS, Ending, Measure, Moment, 
 from gibbs_codegen.flight.scenario.file import AnyScenario
 from gibbs_codegen.flight.scenario.parts import Control
 from gibbs_codegen.flight.scenario.walls import Wall
+from gibbs_codegen.machine.policies import commanded
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.rollouts import (
     RUNNING,
@@ -354,7 +355,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             raise UsageError("reset_mask: the first reset must begin episodes everywhere")
         self._seed(seed, rows)
         self._begin(rows)
-        [observations] = self._told(self._observed(self._moment()))
+        [observations] = self._handed(self._observed(self._moment()))
         return observations, {}
 
     def step(self, actions: ArrayLike) -> tuple[Observations, Array, Flags, Flags, Infos]:
@@ -400,10 +401,10 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             infos |= {"final_obs": _rows(observations, over), "_final_obs": over.copy()}
             self._begin(over)
             observations = self._observed(self._moment())
-        told = self._told(observations, rewards, terminations, truncations)
+        told = self._handed(observations, rewards, terminations, truncations)
         return *told, infos
 
-    def _told(self, *arrays: NDArray[Any]) -> tuple[Any, ...]:
+    def _handed(self, *arrays: NDArray[Any]) -> tuple[Any, ...]:
         """What callers get: arrays, or tensors in their memory."""
         if not self._tensors:
             return arrays
@@ -626,6 +627,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
                 command = Steps(self._decided(command), np).commanded()
             acting = module.inputs_of(now.q, now.v, x, command, constants=now.constants)
             thrusts = acting[:, : self._vehicle.rotors]
+        touch = np.zeros((self.num_envs, 3))
+        if now.around.contacts and self._vehicle.has_tip:
+            touch = touching(now)[:, self._vehicle.frames.index("tip"), :3]
         return Moment(
             self._time(),
             now.q.copy(),
@@ -638,30 +642,19 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             None if now.x is None else now.x.copy(),
             target,
             target_v,
-            self._touch(),
+            touch,
             self._episodes.values["targets"].get("force", np.full(self.num_envs, _FORCE)).copy(),
             self.data,
             self._vehicle.tip_pose if self._vehicle.has_tip else None,
         )
 
-    def _touch(self) -> Array:
-        """The force (n, 3) of walls on the tip, N."""
-        around = self._now.around
-        if not (around.contacts and self._vehicle.has_tip):
-            return np.zeros((self.num_envs, 3))
-        wrenches = touching(self._now)
-        return wrenches[:, self._vehicle.frames.index("tip"), :3]
-
     def _inputs(self, actions: ArrayLike) -> Array:
         """Inputs (n, nu) that actions (n, nu) stand for; raises `UsageError`."""
-        least, most = self._actions.ranges
-        shape = (self.num_envs, len(least))
+        shape = (self.num_envs, len(self.actions))
         if self._tensors:
             actions = np.asarray(getattr(actions, "detach", lambda: actions)())
         actions = numbers("actions", actions, f"finite numbers of shape {shape}", shape)
-        if not self._normalised:
-            return np.clip(actions, least, most)
-        return least + 0.5 * (np.clip(actions, -1.0, 1.0) + 1.0) * (most - least)
+        return commanded(actions, self._actions.ranges, np.clip, normalised=self._normalised)
 
     def _values_of(self, name: str, function: Measure | Ending, now: Moment) -> NDArray[Any]:
         """Values (n) of a function of the user's, given as argument `name`, for each environment.
