@@ -191,12 +191,12 @@ class AngleBase:
     def travels(self, x: Node) -> Node:
         """Entries (3) along three axes, of entries (nv)."""
         moving = x[self.robot.layout.v.position]
-        return moving if self.along == [0, 1, 2] else _spread(self.along, moving)
+        return moving if self.along == [0, 1, 2] else spread(self.along, moving)
 
     def turns(self, x: Node) -> Node:
         """Entries (3) of three angles, or of fewer about the axes that they turn about."""
         moving = x[self.robot.layout.v.attitude]
-        return _spread(self.axes, moving) if self.still else moving
+        return spread(self.axes, moving) if self.still else moving
 
     def _in_base(self, x: Node) -> Node:
         """A linear velocity or a force (3) in the base's frame, of entries (nv)."""
@@ -357,7 +357,7 @@ class LevelBase(AngleBase):
 
     def _moved(self, x: Node) -> Node:
         """Entries (3) along three axes, of entries (nq)."""
-        return _spread(self.along, x[self.robot.layout.q.position])
+        return spread(self.along, x[self.robot.layout.q.position])
 
 
 class DrivenBase(LevelBase):
@@ -432,7 +432,7 @@ def base_of(robot: Placed, q: Node) -> Base:
     return (AngleBase if robot.space.is_flat else LevelBase)(robot, q)
 
 
-def _spread(axes: Sequence[int], moving: Node) -> Node:
+def spread(axes: Sequence[int], moving: Node) -> Node:
     """Entries (3) along or about three axes, of those along or about the first of these."""
     entries = dict(zip(axes, moving, strict=False))
     return join(*(entries.get(axis, constant(0.0)) for axis in range(3)))

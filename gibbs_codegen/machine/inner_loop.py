@@ -7,7 +7,7 @@ of their own, those of the owner `model`.
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from gibbs_codegen.arrays.nodes import (
     variable,
     zeros,
 )
-from gibbs_codegen.machine.base import Motion, base_of, length, placed
+from gibbs_codegen.machine.base import Motion, base_of, length, placed, spread
 from gibbs_codegen.machine.laws import (
     Aim,
     CentrePath,
@@ -72,9 +72,10 @@ class InnerLoop:
         if self.action == "tip":
             return [*"xyz"], [], []
         along, about = robot.layout.driven_axes
-        ways, turns = ["xyz"[k] for k in along], [f"turn_{'xyz'[k]}" for k in about]
+        word = "turn" if self.action == "attitude" else "spin"
+        ways, turns = ["xyz"[k] for k in along], [f"{word}_{'xyz'[k]}" for k in about]
         if self.leans and self.action == "velocity":
-            turns = ["turn"] * (len(about) == 3)
+            turns = [word] * (len(about) == 3)
         elif self.leans:
             ways = ["thrust"]
         return ways, turns, [*robot.layout.v.names[robot.layout.v.joints]]
@@ -134,7 +135,7 @@ class InnerLoop:
         ways, turns, _ = map(len, self.parts(robot))
         moved, turned, asked = action[:ways], action[ways : ways + turns], action[ways + turns :]
         still, none = zeros(places.size), zeros(asked.size)
-        linear = moved if ways != len(along) else _spread(along, moved)
+        linear = moved if ways != len(along) else spread(along, moved)
         attitude, posture = target[at.attitude], here[at.joints]
         if self.action == "attitude":
             way = placed(robot, turned, zeros(3), none)
@@ -164,9 +165,8 @@ class InnerLoop:
             return geometric(robot, q, v, replace(aim, desired=led, path=path))
         if aim.frame is not None:
             return at_frame(robot, q, v, aim)
-        spin = zeros(3)
-        if self.action != "attitude":
-            spin = base.attitude_entries(still, _spread(about, turned))
+        asks = self.action != "attitude"
+        spin = base.attitude_entries(still, spread(about, turned)) if asks else zeros(3)
         error, rate = base.errors(v, aim.desired)
         wish = placed(robot, spin, linear if leads else zeros(3), rates)
         pull = aim.gains.stiffness * error + aim.gains.damping * (wish + rate)
@@ -178,8 +178,3 @@ class InnerLoop:
         thrust = length(aim.weight.weight) + aim.weight.mass * moved[0]
         generalised = robot.inverse_dynamics(q, v, closed(robot, q, v, a))
         return with_thrust(robot, q, generalised, thrust * base.to_world(aim.weight.axis))
-
-
-def _spread(axes: Sequence[int], x: Node) -> Node:
-    """Entries (3) along or about three axes, of those along or about some."""
-    return join(*(x[axes.index(k)] if k in axes else constant(0.0) for k in range(3)))

@@ -57,15 +57,11 @@ class Actions:
         none.
         """
         action, joints = kinds
-        known: dict[str, tuple[Any, ...]] = {
-            "action": ("inputs", *ACTIONS),
-            "joints": (None, *JOINTS),
-        }
-        for (name, words), kind in zip(known.items(), kinds, strict=True):
+        of_joints = "position" if joints is None else joints
+        known = ("action", action, ("inputs", *ACTIONS)), ("joints", of_joints, JOINTS)
+        for name, kind, words in known:
             if kind not in words:
-                raise UsageError(
-                    f"{name}: one of {', '.join(filter(None, words))}, not {printable(kind)}"
-                )
+                raise UsageError(f"{name}: one of {', '.join(words)}, not {printable(kind)}")
         if not isinstance(ranges, Mapping):
             raise UsageError(f"ranges: values by name, not {printable(ranges)}")
         if not isinstance(control, Control | None):
@@ -77,8 +73,7 @@ class Actions:
         if action == "inputs":
             made = cls(vehicle.commands, limits.copy())
         else:
-            chosen = joints or "position", limits, control or Control()
-            made = _with_loop(vehicle, action, *chosen, hover)
+            made = _with_loop(vehicle, action, of_joints, limits, control or Control(), hover)
         for name, value in ranges.items():
             if name not in made.names:
                 raise UsageError(

@@ -37,7 +37,7 @@ class Sensors:
     ) -> None:
         """Begin with coordinates (n, nq) and velocities (n, nv) in some environments (n)."""
         delays = self._values.get("delay", np.zeros(len(q)))
-        self._ages = np.maximum(np.ceil(delays / self._decision - 1e-9), 0.0).astype(np.int64)
+        self._ages = np.ceil(delays / self._decision - 1e-9).astype(np.int64)
         self._past += [self._past[-1].copy() for _ in range(len(self._past), 1 + self._ages.max())]
         for state in self._past:
             state[rows] = np.concatenate([q, v], axis=1)[rows]

@@ -71,7 +71,7 @@ class Moment:
         return self.time == 0.0
 
 
-Measure = Callable[[Moment], Array]
+Values = Callable[[Moment], Array]
 Ending = Callable[[Moment], Flags]
 
 
@@ -117,7 +117,7 @@ class Task:
     `needs` says what environments of it must have: a "tip" of the robot, "walls".
     """
 
-    reward: Measure
+    reward: Values
     seen: tuple[str, ...] = ()
     spread: float = 0.0
     swing: float = 0.0

@@ -24,7 +24,7 @@ from gibbs_codegen.flight.rollouts.episodes import Between, Episodes
 from gibbs_codegen.flight.rollouts.rollout import array_rollout, check_settings, warn_of_long_steps
 from gibbs_codegen.flight.rollouts.sensing import SENSED, Sensors
 from gibbs_codegen.flight.rollouts.surroundings import rollout_surroundings
-from gibbs_codegen.flight.rollouts.tasks import TASKS, Ending, Measure, Moment, Task, is_lost
+from gibbs_codegen.flight.rollouts.tasks import TASKS, Ending, Moment, Task, Values, is_lost
 from gibbs_codegen.flight.scenario.file import AnyScenario
 from gibbs_codegen.flight.scenario.parts import Control
 from gibbs_codegen.flight.scenario.walls import Wall
@@ -151,9 +151,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         surroundings: AnyScenario | None = None,
         wind: ArrayLike | None = None,
         payloads: ArrayLike | None = None,
-        reward: Measure | None = None,
+        reward: Values | None = None,
         terminated: Ending = is_lost,
-        observe: Measure | None = None,
+        observe: Values | None = None,
         normalised: bool = True,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         precision: Precision = "double",
@@ -166,6 +166,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         self._threads = whole("threads", threads)
         nq, nv = vehicle.layout.q.size, vehicle.layout.v.size
         self._directions = [name for name, _ in vehicle.layout.displacements]
+        self._forces = [f"{frame}_{axis}" for frame in vehicle.frames for axis in "xyz"]
         arguments, actuators = (
             RolloutArguments(module, whole("steps", steps)),
             module_actuators(vehicle),
@@ -212,7 +213,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             vehicle.constants,
             np.tile(self._hover, (self.num_envs, 1)),
             np.zeros((self.num_envs, nv)),
-            np.tile(self._holding, (self.num_envs, 1, 1)),
+            np.zeros((self.num_envs, 1, len(self.actions))),  # Episodes begin with others.
             steps=arguments.steps,
             dt=dt,
             method=method,
@@ -224,8 +225,6 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             figures=self._surrounded.figures,
             inner=self._actions.loop,
         )
-        if self._actions.loop:
-            self._now = replace(self._now, inputs=np.zeros((self.num_envs, 1, len(self.actions))))
         if strains := self._now.strains:
             self._now = replace(self._now, bristles=np.zeros((self.num_envs, strains)))
         self._decisions = np.zeros(self.num_envs, dtype=np.int64)
@@ -536,7 +535,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
 
     def _usual(self) -> dict[str, float]:
         """Values of disturbances if nothing is said."""
-        usual = {f"{frame}_{axis}": 0.0 for frame in self._vehicle.frames for axis in "xyz"}
+        usual = dict.fromkeys(self._forces, 0.0)
         if rotors := self._vehicle.rotors:
             if np.isfinite(self._limits[1, :rotors]).all():
                 usual["strength"] = 1.0
@@ -559,15 +558,14 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             self._ends = np.stack([np.minimum(self._limits[0], most), most])
             if self._actions.loop:
                 self._motors = replace(self._motors, least=self._ends[0], most=self._ends[1])
-        if winds := [f"wind_{axis}" for axis in "xyz" if f"wind_{axis}" in values]:
-            wind = np.broadcast_to(self._surrounded.wind, (self.num_envs, 3)).copy()
-            for name in winds:
-                wind[:, "xyz".index(name[-1])] = values[name]
+        winds = ["wind_x", "wind_y", "wind_z"]
+        if values.keys() & {*winds}:
+            steady = np.broadcast_to(self._surrounded.wind, (self.num_envs, 3))
+            wind = np.column_stack([values.get(x, steady[:, k]) for k, x in enumerate(winds)])
             self._surrounded = replace(self._surrounded, wind=wind)
-        forces = [f"{frame}_{axis}" for frame in self._vehicle.frames for axis in "xyz"]
-        if values.keys() & set(forces):
+        if values.keys() & {*self._forces}:
             pushes = np.zeros((self.num_envs, 1, len(self._vehicle.frames), 6))
-            table = self._episodes.table("disturbances", forces)
+            table = self._episodes.table("disturbances", self._forces)
             pushes[:, 0, :, :3] = table.reshape(self.num_envs, -1, 3)
             self._pushes = pushes
 
@@ -656,7 +654,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         actions = numbers("actions", actions, f"finite numbers of shape {shape}", shape)
         return commanded(actions, self._actions.ranges, np.clip, normalised=self._normalised)
 
-    def _values_of(self, name: str, function: Measure | Ending, now: Moment) -> NDArray[Any]:
+    def _values_of(self, name: str, function: Values | Ending, now: Moment) -> NDArray[Any]:
         """Values (n) of a function of the user's, given as argument `name`, for each environment.
 
         Raises `UsageError` if that is not one value for each.

@@ -215,7 +215,7 @@ def test_inner_loops_command_motors_and_servos(module: ModuleType) -> None:
     environments = pytest.importorskip("gibbs_codegen.flight.rollouts.vector_env")
     settings = {"dt": 4e-4, "steps": 25, "normalised": False, "limits": limits(module)}
     envs = environments.VectorEnv(module, 2, action="velocity", **settings)
-    assert envs.actions == ("x", "y", "z", "turn", "upper", "slider", "wrist")
+    assert envs.actions == ("x", "y", "z", "spin", "upper", "slider", "wrist")
     envs.reset()
     asked = np.zeros((2, len(envs.actions)))
     asked[:, envs.actions.index("upper")] = 0.1

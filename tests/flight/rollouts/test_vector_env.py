@@ -451,7 +451,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"action": "fly"}, "action: one of inputs, rates, attitude, velocity, tip, not fly"),
     ({"joints": "rate"}, "joints: one of position, velocity, torque, not rate"),
     ({"action": "tip"}, "action: quadrotor has no tip; choose"),
-    ({"action": "rates", "ranges": {"x": 1.0}}, "ranges: x: no entry of an action: thrust, turn_x"),
+    ({"action": "rates", "ranges": {"x": 1.0}}, "ranges: x: no entry of an action: thrust, spin_x"),
     ({"ranges": {"F_front_left": (2.0, 1.0)}}, r"ranges: F_front_left: .* not \(2.0, 1.0\)"),
     ({"task": "dance"}, "task: one of hover, reach, track, push, not dance"),
     ({"task": "push"}, "task: push needs tip: quadrotor has none here"),
