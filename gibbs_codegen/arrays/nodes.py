@@ -207,6 +207,10 @@ class Node:
         """Operation and shape."""
         return f"<{self.operation} {self.shape}>"
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A copy is the node that there is.
+        return node, (self.operation, self.arguments, self.shape, self.space, self.is_uniform)
+
     @property
     def size(self) -> int:
         """Number of entries."""
@@ -768,10 +772,15 @@ class Program:
         }
 
 
-def substituted(program: Program, arguments: Mapping[Node, Node]) -> dict[str, Node]:
+def substituted(
+    program: Program,
+    arguments: Mapping[Node, Node],
+    changed: Callable[[Node], Node] = lambda x: x,
+) -> dict[str, Node]:
     """Results of a program, by name, with nodes in place of its inputs, which may be of each state.
 
-    Unlike the results of a call they are nodes of the caller's.
+    Unlike the results of a call they are nodes of the caller's; `changed` gives what is in place of
+    others.
     """
     made = dict(arguments)
     for x in program.nodes:
@@ -784,7 +793,7 @@ def substituted(program: Program, arguments: Mapping[Node, Node]) -> dict[str, N
                     for y, differs in zip(inner.inputs, varies, strict=True)
                 ):
                     operation = replace(operation, program=inner.of_states)
-            made[x] = node(operation, given, x.shape, x.space)
+            made[x] = changed(node(operation, given, x.shape, x.space))
     return {name: made[x] for name, x in program.outputs.items()}
 
 

@@ -19,6 +19,8 @@ from gibbs_codegen.arrays.nodes import (
     Input,
     Node,
     Program,
+    absolute,
+    choose,
     clip,
     constant,
     coordinates_of,
@@ -33,6 +35,9 @@ from gibbs_codegen.machine.inner_loop import InnerLoop
 from gibbs_codegen.machine.machine import NO_SURROUNDINGS, Machine, Surroundings
 from gibbs_codegen.machine.state import State, StateLayout
 from gibbs_codegen.machine.steps import METHODS, projected
+
+# States of which more than this is summed up have diverged. Single precision has their squares.
+_FARTHEST = 1e15
 
 
 @dataclass(frozen=True)
@@ -198,15 +203,24 @@ def decision_program(
     """So many steps of h under one action or input, one after the other, as one program.
 
     Its inputs are those of a step: `time`, `h`, `x`, and what `rollout_inputs` has. Coordinates,
-    velocities and what follows them in x become `x_next`; `ended` and `inputs` are those of the
-    last step. What an inner loop calls has the owner `model`, all else that of the robot.
+    velocities and what follows them in x become `x_next`, `inputs` are those of the last step, and
+    `ended` is above 0 where a step has left the bounds, and `diverged` where it was not finite: x
+    then stays as it was after the one or before the other. What an inner loop calls has the owner
+    `model`, all else that of the robot.
     """
     step = rollout_step(robot, method, parts)
     first, x, rest = step.inputs[:2], step.inputs[2], step.inputs[3:]
+    ended = diverged = constant(0.0)
     for _ in range(steps):
         outputs = step.results(*first, x, *rest)
-        x = outputs["x_next"]
-    return Program(name, step.inputs, outputs)
+        after = outputs["x_next"]
+        goes = choose(_FARTHEST, total(absolute(after)), 1.0, 0.0) * choose(ended, 0.0, 0.0, 1.0)
+        diverged = choose(ended, 0.0, diverged, 1.0 - goes)
+        ended = choose(goes, 0.0, outputs["ended"], maximum(ended, diverged))
+        x = choose(goes, 0.0, after, x)
+    return Program(
+        name, step.inputs, {**outputs, "x_next": x, "ended": ended, "diverged": diverged}
+    )
 
 
 def contact_program(robot: Functions, parts: Parts) -> Program:

@@ -15,7 +15,8 @@ import hashlib
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from dataclasses import replace
+from functools import cached_property, lru_cache
 from types import ModuleType
 from typing import Any, NamedTuple, TypeAlias
 from weakref import WeakValueDictionary
@@ -31,12 +32,15 @@ from gibbs_codegen.arrays.forward import along
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import (
     Call,
+    Entries,
+    Invocation,
     Node,
     Program,
     Space,
     coordinates_of,
     entries_of,
     join,
+    node,
     square_root,
     substituted,
     total,
@@ -352,32 +356,44 @@ def _by_operator(program: Any, operands: Tensors) -> Sequence[torch.Tensor]:
 call.register_autograd(_backward, setup_context=_setup)
 
 
-def of_entries(program: Program) -> Program:
+@lru_cache(maxsize=64)
+def of_entries(program: Program, *, is_inner: bool = False) -> Program:
     """The same of entries alone, each of which may differ from state to state.
 
-    Those of a quaternion are brought to unit length.
+    Those of a quaternion are brought to unit length, where it is not called by another of entries.
     """
     inputs, arguments = [], {}
     for name, x in zip(program.names, program.inputs, strict=True):
-        entries = variable(name, *x.shape)
+        entries = variable(name, *x.shape, uniform=is_inner and x.is_uniform)
         inputs.append(entries)
-        arguments[x] = coordinates_of(_unit(entries, x.space), x.space) if x.space else entries
-    outputs = substituted(program, arguments)
-    entries_by_name = {name: _entries(x) for name, x in outputs.items()}
+        if x.space:
+            given = entries if is_inner else _unit(entries, x.space)
+            arguments[x] = coordinates_of(given, x.space)
+        else:
+            arguments[x] = entries
+    outputs = substituted(program, arguments, _with_wheels)
+    entries_by_name = {name: entries_of(x) for name, x in outputs.items()}
     return Program(program.name, tuple(inputs), entries_by_name)
 
 
-def _entries(x: Node) -> Node:
-    """Entries of an output; those of wheels, which displacements do not have, by their rates."""
-    call, entries = x.operation, entries_of(x)
+def _with_wheels(x: Node) -> Node:
+    """The same node; angles of wheels, which displacements do not have, by their rates."""
+    call = x.operation
+    if isinstance(call, Invocation):
+        call = replace(call, program=of_entries(call.program, is_inner=True))
+        made = node(call, map(entries_of, x.arguments), x.shape, None, x.is_uniform)
+        return coordinates_of(made, x.space) if x.space else made
+    if isinstance(call, Entries):
+        return entries_of(x.arguments[0])
     if not (isinstance(call, Call) and call.name == "integrate"):
-        return entries
+        return x
     wheels = call.functions.layout.q.angles
     if wheels.start == wheels.stop or "coordinate_rates" not in call.functions.signatures:
-        return entries
+        return x
     q, displacement = x.arguments
-    turned = _entries(q)[wheels] + call.functions.wheel_rates(q, displacement)
-    return join(entries[: wheels.start], turned)
+    turned = entries_of(q)[wheels] + call.functions.wheel_rates(q, displacement)
+    assert x.space is not None  # noqa: S101 - of coordinates
+    return coordinates_of(join(entries_of(x)[: wheels.start], turned), x.space)
 
 
 def _unit(entries: Node, space: Space) -> Node:
@@ -393,7 +409,8 @@ class TensorFunction:
 
     def __init__(self, program: Program, module: ModuleType, key: str) -> None:
         """Take a program of entries."""
-        text = "\n".join(c_functions([program])) + module.compiled.digest
+        shapes = [x.shape for x in (*program.inputs, *program.outputs.values())]
+        text = "\n".join(c_functions([program])) + f"{shapes} {module.compiled.digest}"
         digest = hashlib.sha256(text.encode()).hexdigest()[:16]
         key = f"{module.NAME} {key} {digest}"
         self._name, self._names, owners = program.name, program.names, owners_of(program)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import gc
 import time
 from collections.abc import Callable, Iterator
@@ -88,6 +89,14 @@ def test_nodes_are_made_once_and_forgotten() -> None:
         sine(x * float(k + 2))
     gc.collect()
     assert len(nodes._NODES) <= before + 1
+
+
+def test_copies_of_programs_have_their_nodes() -> None:
+    x = variable("x", 2)
+    program = Program("squares", (x,), {"y": x * x})
+    copied = copy.deepcopy(program)  # By the same words as pickle.
+    assert copied.inputs == (x,)
+    assert jacobian(copied, "x").outputs == jacobian(program, "x").outputs
 
 
 def test_text_has_the_names_of_its_own_program() -> None:

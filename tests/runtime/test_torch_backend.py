@@ -23,6 +23,7 @@ from support.tools import tool
 from gibbs_codegen import differentiable
 from gibbs_codegen.arrays import Functions, Program, variable
 from gibbs_codegen.arrays.evaluation import Evaluator
+from gibbs_codegen.arrays.nodes import entries_of, reshaped
 from gibbs_codegen.errors import MissingFunctionError, UsageError
 from gibbs_codegen.interface import module_signatures
 from gibbs_codegen.machine.rollout_steps import Parts, rollout_step
@@ -108,7 +109,9 @@ def test_angles_of_wheels_are_differentiated(seed: int, tmp_path: Path) -> None:
     calls = Functions(module.in_c)
     q, v = calls.state()
     twice = Program("twice", (q, v), {"end": calls.integrate(calls.integrate(q, v), 2.0 * v)})
-    for function in (module.integrate, differentiable(twice, module)):
+    entries = 2.0 * entries_of(twice.results(q, v)["end"])
+    called = Program("called", (q, v), {"entries": entries})
+    for function in (module.integrate, *(differentiable(x, module) for x in (twice, called))):
         assert torch.autograd.gradcheck(function, given)
 
 
@@ -252,6 +255,16 @@ def test_programs_are_kept_while_somebody_has_them(pair: Pair) -> None:
     del second
     gc.collect()
     assert len(torch_backend._KNOWN) < known
+
+
+def test_programs_of_the_same_text_have_shapes_of_their_own(pair: Pair) -> None:
+    kept = []
+    for size, shape in ((4, (2,)), (6, (2,)), (6, (2, 1)), (6, (1, 2))):
+        x = variable("x", size)
+        program = Program("some", (x,), {"y": reshaped(2.0 * x[1:3], shape)})
+        kept.append(differentiable(program, pair.ours))
+        found = kept[-1](torch.arange(float(size), dtype=torch.float64))
+        assert (found.flatten().tolist(), found.shape) == ([2.0, 4.0], shape)
 
 
 def test_arguments_are_refused_as_by_the_numpy_module(pair: Pair) -> None:

@@ -322,6 +322,7 @@ class Predictive:
         arrays["diagonal"][:] = np.r_[by_u, nothing[0], by_v, nothing[1], changes]
         arrays["barrier"][()], arrays["tolerance"][()] = _BARRIER, _TOLERANCE
         arrays["rounds"][()], arrays["delay"][()] = self.iterations, self.delay or 0.0
+        self._check_paths()
         arrays["hover"][:] = self._hovering()
         self._first_point = self._position(self.hover.q)
         self._pushes = bool(self.horizon.pushing.any())
@@ -331,7 +332,6 @@ class Predictive:
         moved = self.hover.q + np.eye(len(self.hover.q))[vehicle.layout.q.position]
         self._ways = vehicle.difference(self.hover.q, moved)
         arrays["ahead"][:] = self._ahead_costs(constants, weights)
-        self._check_paths()
         # Costs after the horizon, by displacements and velocities in the base's frame.
         to_base = np.linalg.inv(self._in_base(self.hover.q))
         costs = arrays["ahead"][: motion**2].reshape(motion, motion)
@@ -595,8 +595,7 @@ class Predictive:
             inputs = [*zip(cost.names, cost.inputs, strict=True)]
             pairs = [(x, own[key]) for key, x in inputs if key in own]
             modules = {*owners_of(cost), *(module for module, _ in functions_of(cost))}
-            output, *more = cost.outputs.values()
-            is_vector = not more and len(output.shape) == 1 and output.space is None
+            is_vector = [(len(x.shape), x.space) for x in cost.outputs.values()] == [(1, None)]
             for is_right, words in (
                 (is_vector, "have one output, a vector"),
                 (({*own} - {"time"}) & {*cost.names}, "have q, v or u among its inputs"),

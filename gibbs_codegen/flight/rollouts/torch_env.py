@@ -6,12 +6,14 @@ import os
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cached_property
+from inspect import signature
 from itertools import pairwise
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from gibbs_codegen.arrays.contents import owners_of
 from gibbs_codegen.arrays.nodes import (
     Input,
     Node,
@@ -22,7 +24,7 @@ from gibbs_codegen.arrays.nodes import (
     maximum,
     variable,
 )
-from gibbs_codegen.errors import UsageError, require
+from gibbs_codegen.errors import UsageError, printable, require
 from gibbs_codegen.flight.plant.vehicle import Flags
 from gibbs_codegen.flight.rollouts.vector_env import VectorEnv
 from gibbs_codegen.machine.policies import (
@@ -33,7 +35,7 @@ from gibbs_codegen.machine.policies import (
     commanded,
     policy_program,
 )
-from gibbs_codegen.machine.rollout_steps import decision_program, sent
+from gibbs_codegen.machine.rollout_steps import Parts, decision_program, sent
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.program_blocks import differentiable
 from gibbs_codegen.runtime.rollouts import Problem, functions_of, given_inputs
@@ -46,7 +48,7 @@ from gymnasium.error import ResetNeeded  # noqa: E402
 Reward = Callable[[Situation, Node], Node]
 _DESIRED = "q_desired", "v_desired", "a_desired", "q_ahead"
 # Settings of `VectorEnv` that mean nothing here.
-_OTHERS = {"terminated", "autoreset_mode", "precision", "threads", "sensors", "tensors"}
+_OTHERS = {"task", "terminated", "autoreset_mode", "precision", "threads", "sensors", "tensors"}
 
 
 class TorchEnv(VectorEnv):
@@ -81,7 +83,7 @@ class TorchEnv(VectorEnv):
         lost: Measure | None = None,
         **settings: Any,
     ) -> None:
-        if unknown := sorted(_OTHERS & {*settings}):
+        if unknown := sorted({*settings} - ({*signature(VectorEnv).parameters} - _OTHERS)):
             raise UsageError(f"TorchEnv has no {', '.join(unknown)}; leave out what it has not")
         module = robot if isinstance(robot, ModuleType) else load(robot, "c")
         self._measures = observe, reward, lost
@@ -125,22 +127,32 @@ class TorchEnv(VectorEnv):
         Returns:
             Observations (n, m), rewards (n), whether episodes have terminated (n), whether they are
             truncated (n), and information: where episodes are over, `final_obs` (n, m), before the
-            next ones begin. Numbers have PyTorch's default precision.
+            next ones begin. Numbers have PyTorch's default precision. A machine that diverges keeps
+            the last state that it had, and no gradient goes back through that decision.
 
         Raises:
+            UsageError: If actions are not finite numbers (n, na), or the reward is no number.
             gymnasium.error.ResetNeeded: Before the first `reset`.
         """
         if self._x is None:
             raise ResetNeeded("call reset() first")
+        x, actions = self._x.view_as(self._x), torch.as_tensor(actions)
+        if actions.shape != self.action_space.shape or not actions.isfinite().all():
+            words = f"finite numbers of shape {self.action_space.shape}"
+            raise UsageError(f"actions: {words}, not {printable(actions.tolist())}")
+        actions = actions.view_as(actions)
         if self._surrounded.environment or self._actions.loop:
             self._give()
         self._decisions += 1
         if self._episodes.values["swings"]:
             self._target = self._wanted_at(self._time())
-        self._x, seen, rewards, lost = self._decision(
-            x=self._x, actions=actions, **self._given, **self._wanted(), constants=self._constants
+        self._x, seen, rewards, lost, gone = self._decision(
+            x=x, actions=actions, **self._given, **self._wanted(), constants=self._constants
         )
-        terminated = (lost > 0.0) | ~self._x.detach().isfinite().all(dim=1)
+        if (gone > 0.0).any():  # There derivatives are infinite, and 0 times that is not 0.
+            for y in (y for y in (x, actions) if y.requires_grad):
+                y.register_hook(lambda by: torch.where(gone[:, None] > 0.0, 0.0, by))
+        terminated = lost > 0.0
         truncated = torch.from_numpy(self._decisions >= self._most)
         over, dtype, infos = terminated | truncated, torch.get_default_dtype(), dict[str, Any]()
         seen = seen.to(dtype)
@@ -149,6 +161,13 @@ class TorchEnv(VectorEnv):
             self._begin(over.numpy())
             seen = torch.where(over[:, None], self._look(), seen)
         return seen, rewards.to(dtype), terminated, truncated, infos
+
+    @property
+    def now(self) -> Any:
+        """There is none, nor are there `rewards` of it: raises `UsageError`."""
+        raise UsageError("TorchEnv has x, of which step tells rewards, in place of now and rewards")
+
+    rewards = now
 
     def detach(self) -> None:
         """Go on from the state as it is: what led there has no part in later gradients."""
@@ -178,14 +197,22 @@ class TorchEnv(VectorEnv):
             }
             return clip(actions.loop.commands(robot, now.q, now.v, given), *self._limits)
 
-        return policy_program(robot, layers, self._measures[0], act, name)
+        def observe(now: Situation) -> Node:  # Without lag there are no thrusts to look at.
+            return self._measures[0](replace(now, actuators=now.actuators[: self._actuators]))
+
+        return policy_program(robot, layers, observe, act, name)
+
+    @cached_property
+    def _actuators(self) -> int:
+        """How many thrusts, or states of motors and servos, there are."""
+        nothing = self._now.q.shape[1] + self._now.v.shape[1] + self._now.strains
+        return int(self._state().shape[1]) - nothing
 
     def _situation(self, x: Node) -> Situation:
         """The one of a state."""
         robot = functions_of(self._vehicle.module)
-        after = x.size - robot.space.coordinates - robot.space.velocities
-        now = Situation.of(robot, after)
-        ends = np.cumsum([0, now.q.size, now.v.size, after]).tolist()
+        now = Situation.of(robot, self._actuators)
+        ends = np.cumsum([0, now.q.size, now.v.size, self._actuators]).tolist()
         q, v, actuators = (x[begin:end] for begin, end in pairwise(ends))
         return replace(now, q=coordinates_of(q, robot.space), v=v, actuators=actuators)
 
@@ -193,7 +220,13 @@ class TorchEnv(VectorEnv):
     def _step(self) -> Program:
         """A decision without observation and reward."""
         robot, problem = functions_of(self._vehicle.module), self._problem()
-        return decision_program(robot, problem.method, problem.parts, problem.steps)
+        return decision_program(robot, problem.method, self._parts, problem.steps)
+
+    @property
+    def _parts(self) -> Parts:
+        """Parts of all decisions: with lag, too, where there is none before it is drawn."""
+        parts = self._problem().parts
+        return replace(parts, lag=parts.lag or "time_constant" in self.episodes["disturbances"])
 
     @cached_property
     def _command(self) -> str:
@@ -215,8 +248,9 @@ class TorchEnv(VectorEnv):
         outputs = {
             "x_next": made["x_next"],
             "observation": observe(then),
-            "reward": reward(then, made["inputs"]),
+            "reward": _shaped("reward", reward(then, made["inputs"]), 0),
             "lost": maximum(made["ended"], lost(then)) if lost else made["ended"],
+            "diverged": made["diverged"],
         }
         inputs = x, actions, *then.desired, then.q_ahead, *(y for y in others if y is not command)
         program = Program("measured_decision", inputs, outputs)
@@ -227,9 +261,13 @@ class TorchEnv(VectorEnv):
         """The function of tensors of an observation."""
         x = variable("x", self._state().shape[1])
         now = self._situation(x)
-        inputs, outputs = (x, *now.desired, now.q_ahead), self._measures[0](now)
-        program = Program("observation", inputs, {"observation": outputs})
-        return differentiable(program, self._vehicle.module)
+        inputs = x, *now.desired, now.q_ahead
+        outputs = {"observation": _shaped("observe", self._measures[0](now), 1)}
+        program = Program("observation", inputs, outputs)
+        seen = differentiable(program, self._vehicle.module)
+        if owners_of(program):
+            return lambda **given: seen(**given, constants=self._constants)
+        return seen
 
     def _problem(self) -> Problem:
         """The problem of the next decision."""
@@ -248,8 +286,7 @@ class TorchEnv(VectorEnv):
 
     def _state(self) -> Any:
         """States (n, …) of machines that have just begun."""
-        problem = self._problem()
-        return torch.from_numpy(np.concatenate(problem.begin(problem.parts), axis=1))
+        return torch.from_numpy(np.concatenate(self._problem().begin(self._parts), axis=1))
 
     def _look(self) -> Any:
         """Observations (n, m) of the machines."""
@@ -265,12 +302,21 @@ class TorchEnv(VectorEnv):
 
     def _give(self) -> None:
         """Find limits, lag and what acts in the next decision."""
-        problem = self._problem()
-        found = given_inputs(problem, problem.parts, np)
-        if not self._actions.loop and problem.parts.limits:
+        found = given_inputs(self._problem(), self._parts, np)
+        if not self._actions.loop and self._parts.limits:
             found |= dict(zip(("least", "most"), self._ends, strict=True))
         self._given = {
             name: found[name] if found[name].ndim < 3 else found[name][:, 0]
             for name in self._step.names[3:]
             if name != self._command
         }
+
+
+def _shaped(name: str, x: Any, axes: int) -> Node:
+    """What a function of the user's gives; raises `UsageError` if it is not of so many axes."""
+    if not (isinstance(x, Node) and len(x.shape) == axes and x.space is None):
+        words = ("a number", "a vector")[axes]
+        raise UsageError(
+            f"{name}: must give {words}, as a node of array programs, not {printable(x)}"
+        )
+    return x

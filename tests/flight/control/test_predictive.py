@@ -367,6 +367,7 @@ def wrong_costs(module: ModuleType) -> list[tuple[Any, Any, str]]:
     return [
         ((q, v), {"a": v, "b": v}, "one output, a vector"),
         ((v,), {"a": dot(v, v)}, "one output, a vector"),
+        ((), {}, "one output, a vector"),
         ((time,), {"a": join(time, 1.0)}, "q, v or u among its inputs"),
         ((plain,), {"a": plain[:2]}, "`Functions` of .* makes them"),
         ((v, ball), {"a": join(v, ball)}, "it differs by ball"),
@@ -376,6 +377,7 @@ def wrong_costs(module: ModuleType) -> list[tuple[Any, Any, str]]:
 
 @pytest.mark.slow
 def test_what_is_wrong_is_told(module: ModuleType) -> None:
+    u, w = variable("u", len(module.INPUTS)), variable("w")
     for changes, words in (
         ({"step": 0.0}, "step must be a finite time above 0"),
         ({"nodes": 0}, "nodes must be 1 to 500"),
@@ -405,6 +407,13 @@ def test_what_is_wrong_is_told(module: ModuleType) -> None:
         ({"tolerances": Tolerances(joints=[0.1, 0.1])}, "one for each of the 1 joints"),
         ({"cost": 3.0}, "cost must be a `Program`"),
         ({"told": {"ball": len}}, "told must have .* it differs by ball"),
+        (
+            {
+                "cost": Program("a", (u, w), {"a": w * u}),
+                "told": {"w": lambda t: np.ones((2, 9))},
+            },
+            r"told\['w'\]: must be .* finite numbers \(n\)",
+        ),
         *(
             ({"cost": Program("own", inputs, outputs)}, words)
             for inputs, outputs, words in wrong_costs(module)
@@ -697,7 +706,9 @@ def test_inputs_keep_their_rates_whatever_acts(module: ModuleType) -> None:
 
 @pytest.mark.slow
 def test_a_copy_flies_as_the_controller_does(module: ModuleType) -> None:
-    controller = replace(circling(module), points={})
+    u = variable("u", len(module.INPUTS))
+    cost = Program("effort", (u,), {"cost": 0.1 * u})
+    controller = replace(circling(module), points={}, cost=cost)
     q, v = controller.hover.q, np.full(len(module.VELOCITIES), 0.1)
     copied = copy.deepcopy(controller)  # By the same words as pickle.
     np.testing.assert_array_equal(copied.inputs(0.0, q, v), controller.inputs(0.0, q, v))

@@ -174,6 +174,78 @@ def test_targets_swing_and_disturbances_act_as_in_a_vector_environment(
 def test_what_it_does_not_have_is_refused(robot: ModuleType) -> None:
     with pytest.raises(UsageError, match="TorchEnv has no precision, threads; leave out"):
         environment(robot, 2, precision="single", threads=2)
+    with pytest.raises(UsageError, match="TorchEnv has no motion, task; leave out"):
+        environment(robot, 2, motion=None, task="reach")
+    envs = environment(robot, 2)
+    envs.reset(seed=0)
+    for actions in (np.zeros(4), np.full((2, 4), np.nan)):
+        with pytest.raises(UsageError, match=r"actions: finite numbers of shape \(2, 4\)"):
+            envs.step(actions)
+    with pytest.raises(UsageError, match="in place of now"):
+        print(envs.now)
+    with pytest.raises(UsageError, match="observe: must give a vector"):
+        TorchEnv(robot, 2, observe=lambda now: now, reward=reward)
+    wrong = TorchEnv(robot, 2, observe=observe, reward=lambda now, u: now.v)
+    wrong.reset(seed=0)
+    with pytest.raises(UsageError, match="reward: must give a number"):
+        wrong.step(np.zeros((2, 4)))
+
+
+def test_observations_after_reset_know_the_parameters_of_episodes(robot: ModuleType) -> None:
+    def force(now: Situation) -> Node:
+        return now.robot.mass_matrix(now.q)[0]
+
+    drawn = {"parameters": {"base_mass": uniform(0.5, 2.0)}, "dt": 1e-9, "steps": 1}
+    envs = TorchEnv(robot, 3, observe=force, reward=reward, **drawn)
+    seen = envs.reset(seed=0)[0]
+    torch.testing.assert_close(seen, envs.step(torch.zeros(3, 4))[0], rtol=1e-6, atol=1e-6)
+
+
+def test_lag_may_be_drawn_where_there_is_none(robot: ModuleType) -> None:
+    """And policies look at as many thrusts as they were trained with, which may be none."""
+    lag = {"time_constants": 0.0, "disturbances": {"time_constant": uniform(0.02, 0.05)}}
+    ours = environment(robot, 3, **lag)
+    theirs = VectorEnv(robot.in_c, 3, observe=lambda now: now.v, **(SETTINGS | lag))
+    ours.reset(seed=2), theirs.reset(seed=2)
+    actions = torch.full((3, 4), 0.3)
+    found, right = ours.step(actions)[0][:, 7:13], theirs.step(actions.numpy())[0]
+    np.testing.assert_allclose(found.numpy(), right, rtol=1e-6, atol=1e-6)
+    without = environment(robot, 1, time_constants=0.0)
+    size = without.single_observation_space.shape[0]
+    assert size == 25
+    assert without.policy_program([(np.zeros((4, size)), np.zeros(4))]).outputs["u"].shape == (4,)
+
+
+def test_a_decision_ends_where_a_step_leaves_the_bounds(robot: ModuleType) -> None:
+    """Thrown up without thrust, and back within bounds at its end."""
+    low, high = np.full((2, 13), np.inf) * [[-1.0], [1.0]]
+    high[2] = 0.01
+    settings = {"rates": {"vz": 0.5}, "bounds": (low, high), "dt": 0.005, "steps": 50}
+    ours = TorchEnv(robot, 2, observe=observe, reward=reward, **settings)
+    theirs = VectorEnv(
+        robot.in_c, 2, observe=lambda now: now.q, autoreset_mode="SameStep", **settings
+    )
+    ours.reset(seed=0), theirs.reset(seed=0)
+    *_, ended, _, infos = ours.step(-torch.ones(2, 4))
+    *_, over, _, told = theirs.step(-np.ones((2, 4)))
+    assert ended.tolist() == over.tolist() == [True, True]
+    np.testing.assert_allclose(infos["final_obs"][0, :7], told["final_obs"][0], atol=1e-6)
+
+
+def test_no_gradient_goes_back_from_where_a_machine_diverges(robot: ModuleType) -> None:
+    envs = environment(robot, 3, duration=None)
+    weights = torch.zeros(4, 29, requires_grad=True)
+    seen, _ = envs.reset(seed=0)
+    envs._x = envs._x.clone()
+    envs._x[1, 7:13] = 1e200
+    rewards = []
+    for _ in range(3):
+        seen, gained, terminated, *_ = envs.step(seen @ weights.T)
+        rewards.append(gained.clamp(min=-50.0))
+        assert terminated.tolist() == [False, len(rewards) == 1, False]
+    torch.stack(rewards).sum().backward()
+    assert weights.grad.isfinite().all()
+    assert weights.grad.any()
 
 
 @pytest.mark.slow
