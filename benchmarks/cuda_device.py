@@ -19,7 +19,7 @@ from gibbs_codegen.runtime.rollouts import (
     Precision,
     Problem,
     Rollout,
-    _constants,
+    constants_of,
     functions_of,
     given_inputs,
 )
@@ -132,11 +132,16 @@ class Gpu:
 
     def send(self, array: Array) -> int:
         """The address of a copy."""
-        address, array = ctypes.c_uint64(), np.ascontiguousarray(array)
+        address = ctypes.c_uint64()
         self._call("cuMemAlloc_v2", ctypes.byref(address), ctypes.c_size_t(max(1, array.nbytes)))
-        whole = ctypes.c_void_p(array.ctypes.data), ctypes.c_size_t(array.nbytes)
-        self._call("cuMemcpyHtoD_v2", address, *whole)
+        self.write(address.value, array)
         return address.value
+
+    def write(self, address: int, array: Array) -> None:
+        """Put the array where there is room for it."""
+        array = np.ascontiguousarray(array)
+        whole = ctypes.c_void_p(array.ctypes.data), ctypes.c_size_t(array.nbytes)
+        self._call("cuMemcpyHtoD_v2", ctypes.c_uint64(address), *whole)
 
     def fetch(self, address: int, array: Array) -> Array:
         """The array, filled with what is at an address."""
@@ -232,7 +237,7 @@ class Kernels:
     def prepared(self, problem: Problem) -> Call:
         """The rollout of a problem, whose arrays are on the device."""
         return Call(
-            self._device, self._real, self._number, problem, *self._constants(_constants(problem))
+            self._device, self._real, self._number, problem, *self._constants(constants_of(problem))
         )
 
     def _constants(self, constants: Array) -> tuple[str, Any]:
@@ -266,12 +271,18 @@ class Call:
         self._addresses = [self._send(x) for x in arrays]
         states = States(*self._addresses, problem.every)
         fields, given = [], []
+        folder, name = Path(problem.module.__path__[0]), problem.module.NAME
+        source = (folder / f"{name}.cu").read_text(encoding="utf-8")
         every = rollout_inputs(robot, EVERY)
         for name, x in every.items():
-            kind = number * x.size if x.is_uniform else Rows
+            kind: Any = number * x.size if x.is_uniform else Rows
+            if is_large := f"const real *{name};" in source:
+                kind = ctypes.c_void_p
             fields.append((name, kind))
             if name not in values:
                 given.append(kind())
+            elif is_large:
+                given.append(kind(self._send(np.asarray(values[name], real))))
             elif x.is_uniform:
                 given.append(kind(*np.asarray(values[name], real).ravel()))
             else:
@@ -292,13 +303,19 @@ class Call:
         for address in self._sent:
             self._device.free(address)
 
+    def restart(self) -> None:
+        """Put the states back to where they began."""
+        arrays = self._x, self._steps, self._ended
+        for address, array in zip(self._addresses, arrays, strict=False):
+            self._device.write(address, array)
+
     def run(self) -> None:
         """Take all steps."""
         self._device.launch(self.kernel, self.count, self._arguments)
 
     def rollout(self) -> Rollout:
         """What it has come to."""
-        fetched = [self._x, self._steps, self._ended, self._samples]
+        fetched = map(np.empty_like, (self._x, self._steps, self._ended, self._samples))
         x, taken, ended, samples = map(self._device.fetch, self._addresses, fetched)
         begin = np.concatenate(self._begin, axis=1)
         every = np.moveaxis(samples, 2, 0)[..., : begin.shape[1]]

@@ -3,8 +3,9 @@
 Their code is compiled by NVRTC (the extra `cuda`) for the GPU that is there. First each kernel is
 compared with the same rollout on the CPU; then `--states` of them take `--steps` steps, with inputs
 alone and with feedback, limits and lag, in floats and doubles, by blocks of several sizes, and with
-registers as the compiler likes or 128 of them. Rates are of states that stay on the GPU, the median
-of `ROUNDS`. Where there is no GPU, it says so and exits with 1.
+registers as the compiler likes or 128 of them. Rates are of states that are on the GPU, the median
+of `ROUNDS`, each from the beginning: steps of states that have ended cost nothing. Where any
+has, it exits with 1, as where there is no GPU, and says so.
 """
 
 from __future__ import annotations
@@ -14,13 +15,12 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from cuda_device import Gpu, Kernels, machine_code
+from cuda_device import Call, Gpu, Kernels, machine_code
 
 from gibbs_codegen import generate, load
 from gibbs_codegen.runtime.rollouts import (
@@ -87,19 +87,22 @@ def measured(gpu: Gpu, folder: Path, count: int, steps: int) -> None:
                     if not apart <= ROOM[precision]:
                         raise SystemExit(f"{folder.name}, {precision}, {word}: differs by {apart}")
                     call = kernels.prepared(replace(many[word], method=method, precision=precision))
-                    taken = [f"{rate(gpu, call.run, block, count * steps):.2f}" for block in BLOCKS]
+                    taken = [f"{rate(gpu, call, block, count * steps):.2f}" for block in BLOCKS]
+                    if ended := np.count_nonzero(call.rollout().ended):
+                        raise SystemExit(f"{folder.name}, {precision}, {word}: {ended} states end")
                     call.free()
                     used = resources[call.kernel].registers
                     row = folder.name, precision, method, word, registers, used, *taken
                     print(f"| {' | '.join(map(str, row))} | {apart:.0e} |", flush=True)
 
 
-def rate(gpu: Gpu, run: Callable[[], None], block: int, steps: int) -> float:
+def rate(gpu: Gpu, call: Call, block: int, steps: int) -> float:
     """Steps a second, 1e9."""
     gpu.block, seconds = block, []
     for _ in range(ROUNDS + 1):  # The first is not like the others.
+        call.restart()
         begin = time.perf_counter()
-        run()
+        call.run()
         seconds.append(time.perf_counter() - begin)
     return 1e-9 * steps / statistics.median(seconds[1:])
 

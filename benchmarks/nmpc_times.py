@@ -123,7 +123,11 @@ class Contender:
         """An instant and the step that follows."""
         module, nq, h = problem.module, problem.nq, problem.h / SUBSTEPS
         begin = self.clock()
-        u = self.inputs(now, self.x)
+        try:
+            u = self.inputs(now, self.x)
+        except ArithmeticError as error:
+            self.lost = f"{error} at {now:.2f} s"
+            return
         self.seconds.append(self.clock() - begin)
         q, v = self.x[:nq], self.x[nq:]
         for _ in range(SUBSTEPS):
@@ -212,7 +216,7 @@ def print_table(name: str, found: dict[str, Contender], console: Console) -> Non
     # The first plan is made before the flight.
     ours = np.array(found[OURS].seconds[1:])
     for label, each in found.items():
-        seconds = np.array(each.seconds[1:])
+        seconds = np.array(each.seconds[1:] or [np.nan])
         ratio = np.median(seconds / ours[: len(seconds)])
         settled = np.array(each.missed[round(SETTLED / 0.02) :])
         table.add_row(

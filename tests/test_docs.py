@@ -20,7 +20,7 @@ from support.tools import run, tool
 
 import gibbs_codegen
 from gibbs_codegen import generate, trim
-from gibbs_codegen.cli.app import argument_parser
+from gibbs_codegen.cli.app import options_of
 from gibbs_codegen.flight.scenario.file import parse_scenario
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.interface.table import DERIVATIVE_GROUPS
@@ -216,7 +216,7 @@ def test_files_in_toml_are_accepted() -> None:
 def test_commands_have_options_that_exist(page: str) -> None:
     for block in [*blocks(page, "sh"), *blocks(page, "console")]:
         for command in COMMAND.findall(block.replace("\\\n", " ")):
-            argument_parser().parse_args(shlex.split(command))
+            options_of(shlex.split(command))
 
 
 @pytest.mark.parametrize("page", pages_with("sh"))

@@ -18,16 +18,18 @@ class Acados:
     """One real-time iteration an instant, with "our functions" or others."""
 
     def __init__(self, problem: Problem, interpreter: str, dynamics: str) -> None:
-        """Build the solver; raises `RuntimeError` where the interpreter has no acados."""
+        """Build the solver; raises `RuntimeError` with why none is built."""
         self.problem, self.spent, self.own = problem, 0.0, list[float]()
         self._folder = tempfile.TemporaryDirectory()
-        self._process = subprocess.Popen(
-            [interpreter, str(WORKER)],
-            cwd=self._folder.name,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-        )
+        told = Path(self._folder.name, "told")
+        with told.open("wb") as errors:
+            self._process = subprocess.Popen(
+                [interpreter, str(WORKER)],
+                cwd=self._folder.name,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+            )
         given = {
             "folder": problem.module.__path__[0],
             "dynamics": dynamics,
@@ -39,7 +41,8 @@ class Acados:
         try:
             self._told(given)
         except (EOFError, BrokenPipeError):
-            raise RuntimeError(f"{interpreter} has no acados that builds") from None
+            last = "".join(told.read_text(errors="replace").splitlines()[-1:])
+            raise RuntimeError(f"{interpreter} builds no solver: {last}") from None
 
     def _told(self, message: object) -> tuple[Array, float, float, int]:
         """The answer to a message."""
@@ -58,5 +61,6 @@ class Acados:
         """Inputs at a time and a state."""
         u, self.spent, own, status = self._told((x, self.problem.references))
         self.own.append(own)
-        assert status == 0, f"acados ends with status {status}"
+        if status:
+            raise ArithmeticError(f"status {status} of acados")
         return u

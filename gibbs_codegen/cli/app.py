@@ -11,6 +11,7 @@ import io
 import os
 import re
 import sys
+from argparse import Namespace
 from collections.abc import Sequence
 from importlib import import_module
 
@@ -54,20 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns the exit code: 0 if the command succeeded, 1 if it failed, 2 for wrong usage or a
     rejected file.
     """
-    parser = argument_parser()
-    words = sys.argv[1:] if arguments is None else arguments
-    for word in words:  # Before Python 3.13 argparse makes an empty list of such a value.
-        if re.fullmatch(r"--[a-z-]+=--", word):
-            parser.error(f"{word}: -- is not a value; write ./-- for a path of that name")
-    # Names are joined to the option, so that a word after it that is none is the robot.
-    joined = list[str]()
-    for word in words:
-        named = word in ("all", "none") or "," in word or word.endswith("_derivatives")
-        if named and joined[-1:] == ["--derivatives="]:
-            joined[-1] += word
-        else:
-            joined.append("--derivatives=" if word == "--derivatives" else word)
-    options = parser.parse_args(joined)
+    options = options_of(sys.argv[1:] if arguments is None else arguments)
     try:
         code: int = import_module(f"gibbs_codegen.cli.{options.module}").run(options)
     except RefusedFileError as error:
@@ -81,3 +69,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("gibbs-codegen: interrupted", file=sys.stderr)
         return 130
     return code
+
+
+def options_of(words: Sequence[str]) -> Namespace:
+    """What a command is told; wrong usage ends the process."""
+    parser = argument_parser()
+    for word in words:  # Before Python 3.13 argparse makes an empty list of such a value.
+        if re.fullmatch(r"--[a-z-]+=--", word):
+            parser.error(f"{word}: -- is not a value; write ./-- for a path of that name")
+    # Names are joined to the option, so that a word after it that is none is the robot.
+    joined = list[str]()
+    for word in words:
+        named = word in ("all", "none") or "," in word or word.endswith("_derivatives")
+        if named and joined[-1:] == ["--derivatives="]:
+            joined[-1] += word
+        else:
+            joined.append("--derivatives=" if word == "--derivatives" else word)
+    return parser.parse_args(joined)

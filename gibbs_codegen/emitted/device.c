@@ -27,7 +27,7 @@ typedef unsigned long long uint64_t;
 
 /*
  * Sine and cosine as in C, without the branch to the library's for angles beyond ANGLE_LIMIT, which
- * would be a third of the instructions of a step; those are NaN.
+ * would lengthen every step; those are NaN.
  */
 #include "sine_cosine_series.c"
 

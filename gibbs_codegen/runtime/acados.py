@@ -10,6 +10,7 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from numbers import Real
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -23,7 +24,7 @@ from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.line_breaks import broken
 from gibbs_codegen.files.staging import writing
 from gibbs_codegen.files.verbatim import c_source
-from gibbs_codegen.machine.transition import STEPS, Transition
+from gibbs_codegen.machine.transition import STEPS, Transition, steadied
 from gibbs_codegen.runtime.c_library import c_files as module_files
 from gibbs_codegen.runtime.c_library import module_texts, some_functions
 from gibbs_codegen.runtime.load import load
@@ -46,10 +47,11 @@ def acados_model(
     form: str = "explicit",
     *,
     step: float | None = None,
-    method: str = "rk4",
+    method: str | None = None,
     parameters: bool = False,
+    lags: bool = False,
     constraints: Sequence[str] | None = None,
-    folder: str | os.PathLike[str] = ".",
+    folder: str | os.PathLike[str] | None = None,
 ) -> Any:
     """The dynamics of a robot for acados.
 
@@ -65,12 +67,15 @@ def acados_model(
             which is a file of C, `<robot>_acados.c`, that calls the module's functions and
             derivatives, those that are `DERIVATIVES` of this Python module.
         step: The length of a step of the discrete form, s.
-        method: That of the discrete form, "euler" or "rk4", as the module's steps, or
-            "trapezoidal", as `Predictive` predicts joints with dampers.
+        method: That of the discrete form, "rk4", which it is if left out, or "euler", as the
+            module's steps, or "trapezoidal", as `Predictive` predicts joints with dampers and
+            servos; states of actuators go on with their rates at its start.
         parameters: Whether p are all PARAMETERS, in their order; if not, there is no p.
+        lags: Whether thrusts, N, of rotors with TIME_CONSTANTS follow u, and end x, in the order of
+            the rotors; if not, they are u at once. With actuators ACTUATOR_STATES do so always.
         constraints: Names of CONSTRAINTS that hold; loops of mechanisms if left out. Steps do not
             bring x back to where they are met, unless they have a frequency.
-        folder: Where the file is written.
+        folder: Where the file of the discrete form is written; the current one if left out.
 
     Returns:
         An `AcadosModel` with the robot's name.
@@ -87,21 +92,30 @@ def acados_model(
         raise UsageError(
             "acados_model: the package acados_template is not installed; it is part of acados"
         ) from None
+    if not isinstance(robot, ModuleType) or not hasattr(robot, "COORDINATES"):
+        raise UsageError(f"acados_model: robot must be a module, not {printable(robot)}")
     module: Any = load(robot.__path__[0], "casadi")
     import casadi
 
     functions, names = Functions(module), [*getattr(module, "CONSTRAINTS", ())]
-    held = [*getattr(module, "LOOPS", ())] if constraints is None else [*constraints]
-    machine = Transition(functions, tuple(float(name in held) for name in names))
+    held = [*getattr(module, "LOOPS", ())] if constraints is None else constraints
+    active = tuple(float(name in held) for name in names)
+    times = module.TIME_CONSTANTS if lags and not functions.driven else {}
+    lagging = tuple([*module.INPUTS].index(name) for name in times)
+    machine = Transition(functions, active, lagging, tuple(times.values()))
     # No implicit form has the forces of constraints, or of the air on rotors.
     forced = any(machine.active) or machine.machine.has_air
     forms = [x for x in FORMS if x != "implicit" or not forced]
-    lengths = (step is not None and 0.0 < step < math.inf) if form == "discrete" else step is None
+    has_step, alone = form == "discrete", "in the discrete form, and left out in others"
+    lengths = (isinstance(step, Real) and 0.0 < step < math.inf) if has_step else step is None
+    methods, is_path = [*STEPS][: None if has_step else 0], isinstance(folder, str | os.PathLike)
+    named = not isinstance(held, str) and all(x in names for x in held)
     wanted = {
         "form": (form in forms, f"{' or '.join(forms)} for {module.NAME}", form),
-        "step": (lengths, "above 0 s in the discrete form, and left out in others", step),
-        "method": (method in STEPS, " or ".join(STEPS), method),
-        "constraints": ({*held} <= {*names}, f"of {', '.join(names) or 'no names'}", held),
+        "step": (lengths, f"above 0 s {alone}", step),
+        "method": (method in [None, *methods], f"{' or '.join(STEPS)} {alone}", method),
+        "constraints": (named, f"a list of {', '.join(names) or 'no names'}", held),
+        "folder": (folder is None or (has_step and is_path), f"a path {alone}", folder),
     }
     for name, (is_right, words, value) in wanted.items():
         if not is_right:
@@ -112,8 +126,8 @@ def acados_model(
     model.u = casadi.SX.sym("u", functions.inputs)
     model.p = casadi.SX.sym("p", len(module.PARAMETERS) if parameters else 0)
     if step is not None:
-        path = Path(folder) / f"{name}_acados.c"
-        text = _source(module, machine, method, float(step), parameters)
+        path = Path(folder or "") / f"{name}_acados.c"
+        text = _source(module, machine, method or "rk4", float(step), parameters)
         with writing(path):
             path.write_text(text, encoding="utf-8")
         model.dyn_ext_fun_type, model.dyn_generic_source = "generic", str(path)
@@ -155,12 +169,12 @@ def _source(module: Any, machine: Transition, method: str, h: float, has_paramet
 
     values, places = [*module.PARAMETERS.values()], [*module.PARAMETERS]
     chosen = ["for (int k = 0; k < NP; ++k) values[k] = ((const double *)p)[k];"]
-    for x in places if method == "trapezoidal" else ():
-        # The pull of a damper at the end of a step is that of an armature.
-        if x.endswith("_damping") and (armature := f"{x[:-7]}armature") in places:
-            pulled, damping = places.index(armature), places.index(x)
-            values[pulled] += h * values[damping]
-            chosen.append(f"values[{pulled}] += {h!r} * values[{damping}];")
+    steady = steadied(module, h) if method == "trapezoidal" else {}
+    for changed, (factor, least, shares) in steady.items():
+        k, others = places.index(changed), {places.index(x): y for x, y in shares.items()}
+        values[k] = max(factor * values[k], least) + sum(y * values[x] for x, y in others.items())
+        chosen.append(f"values[{k}] = fmax({factor!r} * values[{k}], {least!r});")
+        chosen += [f"values[{k}] += {y!r} * values[{x}];" for x, y in others.items()]
     numbers = module.in_numpy.prepare(dict(zip(places, values, strict=True)))
     if has_parameters:
         chosen += [f"{name}_init_constants(values, room);", "return room;"]

@@ -533,7 +533,7 @@ class _Run:
             ],
             np.uintp,
         )
-        constants = np.ascontiguousarray(_constants(problem), self._real)
+        constants = np.ascontiguousarray(constants_of(problem), self._real)
         words = [self._address(constants), int(len(constants) > 1)]
         words.append([*METHODS].index(problem.method))
         values = given_inputs(problem, parts, np)
@@ -567,7 +567,7 @@ class _Run:
         ]
 
 
-def _constants(problem: Problem) -> Reals:
+def constants_of(problem: Problem) -> Reals:
     """Constants (1 or n, constants) of the states."""
     constants = problem.constants
     if constants is None:

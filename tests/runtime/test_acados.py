@@ -58,6 +58,19 @@ frame = "tip"
 to = "pin"
 joint = "spherical"
 """  # fmt: skip
+SERVED = """
+name = "served"
+[base]
+motion = "fixed"
+[[link]]
+name = "arm"
+xyz = [0, 0, 0]
+axis = "y"
+mass = 0.1
+com = [0.1, 0, 0]
+inertia = [1e-4, 1e-4, 1e-4, 0, 0, 0]
+servo = { stiffness = 30, damping = 0.4 }
+"""
 # What acados' headers have, and its matrices as plain columns.
 HEADERS = {
     "acados/utils/external_function_generic.h": """
@@ -153,21 +166,18 @@ class Step:
         assert after[self.nx :] == pytest.approx(after[: self.nx], rel=1e-13, abs=1e-13)
         return after[: self.nx], slopes[:, self.nu :], slopes[:, : self.nu]
 
-    def check_slopes(self, x: Array, u: Array, p: Array | None = None) -> None:
-        """See that derivatives are those of what it gives."""
+    def check_slopes(self, x: Array, u: Array, p: Array | None = None, near: float = 1.0) -> None:
+        """See that derivatives are those of what it gives, by differences over a share of 0.04."""
         _, by_x, by_u = self.at(x, u, p)
-        for place in range(self.nx):
-            unit = np.eye(self.nx)[place]
-            found = rate(
-                lambda t, d=unit: np.array([self.at(x + s * d, u, p)[0] for s in t]), np.zeros(1)
-            )
-            assert by_x[:, place] == pytest.approx(found[0], rel=1e-6, abs=1e-6)
-        for place in range(self.nu):
-            unit = np.eye(self.nu)[place]
-            found = rate(
-                lambda t, d=unit: np.array([self.at(x, u + s * d, p)[0] for s in t]), np.zeros(1)
-            )
-            assert by_u[:, place] == pytest.approx(found[0], rel=1e-6, abs=1e-6)
+        for slopes, way in ((by_x, lambda d: (x + d, u)), (by_u, lambda d: (x, u + d))):
+            for place, unit in enumerate(np.eye(slopes.shape[1])):
+                found = rate(
+                    lambda t, d=near * unit, to=way: np.array(
+                        [self.at(*to(s * d), p)[0] for s in t]
+                    ),
+                    np.zeros(1),
+                )
+                assert slopes[:, place] == pytest.approx(found[0] / near, rel=1e-6, abs=1e-6)
 
 
 def state(robot: Any, seed: int) -> tuple[Array, Array, Array]:
@@ -236,6 +246,34 @@ def test_dampers_act_at_the_end_of_a_step(module: Callable[[str], Any], tmp_path
     step.check_slopes(*given)
 
 
+def test_servos_push_as_at_the_end_of_a_step(module: Callable[[str], Any], tmp_path: Path) -> None:
+    """By q + h v, and h d + h² k / 2 as an armature."""
+    robot, h = module(SERVED), 0.02
+    step = Step(robot, tmp_path, h, method="trapezoidal", parameters=True)
+    p = {**robot.PARAMETERS, "arm_servo_stiffness": 40.0}
+    (q, v), reference, (k, d) = (0.1, -0.7), 0.3, (40.0, 0.4)
+    push = k * (reference - q - h * v) - d * v + 0.1 * 9.81 * 0.1 * np.cos(q)
+    v_next = v + h * push / (1e-4 + 0.1 * 0.1**2 + h * d + 0.5 * h * h * k)
+    given = np.array([q, v]), np.array([reference]), np.array([*p.values()])
+    expected = np.array([q + 0.5 * h * (v + v_next), v_next])
+    assert step.at(*given)[0] == pytest.approx(expected, rel=1e-12)
+    step.check_slopes(*given)
+
+
+def test_thrusts_may_lag(module: Callable[[str], Any], tmp_path: Path) -> None:
+    robot = module("quadrotor_arm_2link")
+    step = Step(robot, tmp_path, method="euler", lags=True)
+    (q, v, u), thrusts = state(robot, 5), np.linspace(1.0, 4.0, 4)
+    times = np.array([*robot.TIME_CONSTANTS.values()])
+    assert times.shape == thrusts.shape
+    v_next = v + H * robot.forward_dynamics(q, v, np.r_[thrusts, u[4:]])
+    after = thrusts + H * (u[:4] - thrusts) / times
+    expected = np.r_[robot.integrate(q, H * v_next), v_next, after]
+    x = np.r_[q, v, thrusts]
+    assert step.at(x, u)[0] == pytest.approx(expected, rel=1e-12, abs=1e-12)
+    step.check_slopes(x, u)
+
+
 def test_drives_and_air_are_those_of_rollouts(module: Callable[[str], Any], tmp_path: Path) -> None:
     robot = module(ACTUATED)
     h, rng = 4e-4, np.random.default_rng(2)
@@ -246,6 +284,8 @@ def test_drives_and_air_are_those_of_rollouts(module: Callable[[str], Any], tmp_
     rolled = rollout(robot, q, v, command[None], dt=h, steps=1, method="rk4", x0=motors)
     expected = np.concatenate([np.ravel(x[..., -1, :]) for x in (rolled.q, rolled.v, rolled.x)])
     assert step.at(np.r_[q, v, motors], command)[0] == pytest.approx(expected, rel=1e-11, abs=1e-12)
+    # Within the play of a servo.
+    step.check_slopes(np.r_[q, v, motors], command, near=1e-3)
 
 
 def test_loops_of_mechanisms_hold(module: Callable[[str], Any], tmp_path: Path) -> None:
@@ -267,11 +307,21 @@ def test_loops_of_mechanisms_hold(module: Callable[[str], Any], tmp_path: Path) 
     for form, options, words in (
         ("implicit", {}, "form must be explicit or discrete for bars, not implicit"),
         ("discrete", {}, "step must be above 0 s in the discrete form"),
-        ("explicit", {"constraints": ["hinge"]}, "constraints must be of closure, not"),
+        ("discrete", {"step": "0.02"}, "step must be above 0 s in the discrete form"),
+        ("explicit", {"method": "rk4"}, "method must be .* in the discrete form, and left out in"),
+        ("discrete", {"step": H, "method": ["rk4"]}, "method must be euler or rk4"),
+        ("explicit", {"folder": "here"}, "folder must be a path in the discrete form"),
+        ("discrete", {"step": H, "folder": 3}, "folder must be a path"),
+        ("explicit", {"constraints": "closure"}, "constraints must be a list of closure, not clos"),
+        ("explicit", {"constraints": [["x"]]}, "constraints must be a list of closure"),
+        (["explicit"], {}, "form must be"),
+        ("explicit", {"constraints": ["hinge"]}, "constraints must be a list of closure, not"),
         ("discrete", {"step": H, "method": "heun"}, "method must be euler or rk4 or trapezoidal"),
     ):
         with pytest.raises(UsageError, match=words):
-            acados_model(robot, form, **options)
+            acados_model(robot, form, **options)  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="robot must be a module, not bars"):
+        acados_model("bars")  # type: ignore[arg-type]
 
 
 def test_the_page_runs() -> None:

@@ -66,6 +66,7 @@ from gibbs_codegen.interface.choice import options_with
 from gibbs_codegen.machine.laws import push_shares
 from gibbs_codegen.machine.machine import Surroundings
 from gibbs_codegen.machine.predictive import Horizon
+from gibbs_codegen.machine.transition import steadied
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.predictive import (
     DERIVATIVES,
@@ -96,8 +97,6 @@ _LONG = 0.05
 _TRACE, _NONE, _BARRIER, _TOLERANCE = 1e-6, 1e30, 1e-2, 1e-6
 # An input, N or N m, that costs as much as others do of usual size, where it should not be there.
 _LITTLE = 1e-2
-# Least rate, rad/s or m/s, of which a tenth is where dry friction is predicted smooth about rest.
-_SLOW = 2.0
 # Time constants, s, of what follows no command: of the charge of a battery.
 _ENDLESS = (1e4, 1e4)
 # Tolerances of which there may be one a joint.
@@ -297,7 +296,7 @@ class Predictive:
         )
         rows, limits = self._rows()
         transcription = Transcription(self.horizon, self.nodes, tuple(rows))
-        constants = self._constants(vehicle, float(lengths[-1]))
+        constants = self._constants(0.0 if self._method == "rk4" else float(lengths[-1]))
         self._compiled = CompiledPredictive(self.module, transcription, constants)
         arrays = self._compiled.arrays
         for name, values in limits.items():
@@ -622,33 +621,13 @@ class Predictive:
         free = self.posture is None and self.tolerances.position is None
         return bool(self.points) and free and self.vehicle.layout.moves_freely
 
-    def _constants(self, vehicle: Vehicle, h: float) -> Any:
-        """The constants of the machine that is predicted: with dampers at the ends of steps."""
-        before, changed = {**self.module.PARAMETERS, **self.parameters}, dict(self.parameters)
-        # The pull at the end of a step: the armature that stands for it, and its share in that.
-        dampers = {x: f"{x[:-7]}armature" for x in before if x.endswith("_damping")}
-        pulling = {x: (name, h) for x, name in dampers.items() if name in before}
-        drives = getattr(self.module, "DRIVE_PARAMETERS", {}).values()
-        for role in ({x: name for x, name in drive.items() if name in before} for drive in drives):
-            # Play holds nothing. Dry friction is as stiff about rest as no step is short: servos,
-            # which are stiff themselves, feel it as if it rose slowly, and other joints none.
-            served = role.keys() & {"servo_damping", "servo_stiffness"}
-            slow, zero = ["friction_velocity"] if served else [], ["servo_backlash"]
-            zero += [] if served else ["friction_coulomb", "friction_static"]
-            changed |= {role[x]: np.maximum(before[role[x]], _SLOW) for x in slow if x in role}
-            changed |= {role[x]: 0.0 for x in zero if x in role}
-            shares = {"servo_damping": h, "servo_stiffness": 0.5 * h * h}
-            pulling |= {role[x]: (role["armature"], shares[x]) for x in served}
-        for name, (armature, share) in pulling.items():
-            if not np.any(before[name]) or self._method == "rk4":
-                continue
-            if armature not in before:
-                raise UsageError(
-                    f"{vehicle.name}: has no parameter {armature}, by which the prediction makes "
-                    "steps with dampers stable; an earlier version made it: generate it again"
-                )
-            pulled = share * np.asarray(before[name])
-            changed[armature] = changed.get(armature, before[armature]) + pulled
+    def _constants(self, h: float) -> Any:
+        """Constants of the machine that is predicted: dampers act at ends of steps, if h > 0."""
+        changed = dict[str, Any](self.parameters)
+        values = {**self.module.PARAMETERS, **changed}
+        for name, (factor, least, shares) in steadied(self.module, h).items():
+            kept = np.maximum(factor * np.asarray(values[name]), least)
+            changed[name] = kept + sum(share * np.asarray(values[x]) for x, share in shares.items())
         return self.module.prepare(changed)
 
     def _sent(self, q: Array, u: Array) -> Array:

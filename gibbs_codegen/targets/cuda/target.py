@@ -61,6 +61,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> Context:
     return c_target.module_text(model, printer, header) | {
         "runtime": c_source("device.c"),
         "rows": c_source("device_rows.c"),
+        "open_loops": ": loops of the mechanism are open" if robot.undriven else "",
         "and_lag": ", lag" if "lag" in inputs else "",
         "and_rest": f", {rest}" if rest else "",
         "inputs": [
