@@ -172,9 +172,7 @@ def policy_program(
     return Program(name, (*own, *(x for x in read if x not in own)), {"u": u})
 
 
-def commanded(
-    actions: Any, ranges: Any, clip: Callable[..., Any] = clip, *, normalised: bool = True
-) -> Any:
+def commanded(actions: Any, ranges: Any, clip: Any = clip, *, normalised: bool = True) -> Any:
     """What actions (na), nodes or as `clip` takes, stand for in ranges (2, na).
 
     If they are `normalised`, they are between -1 and 1.

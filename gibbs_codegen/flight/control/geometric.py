@@ -65,8 +65,7 @@ class LeaningController(Controller):
     @cached_property
     def weight(self) -> Array:
         """The force (3) that holds the robot, N, world axes."""
-        weight: Array = leaning_figures(self.vehicle)["weight"]
-        return weight
+        return np.asarray(leaning_figures(self.vehicle)["weight"])
 
     @cached_property
     def centre(self) -> Reference:

@@ -14,6 +14,10 @@ from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.flight.plant.vehicle import Flags
 from gibbs_codegen.runtime.rollouts import Array
 
+Generators = Sequence[np.random.Generator]
+Named = Mapping[str, float]
+Part = tuple[Mapping[str, Any], Named]
+
 
 class Between(NamedTuple):
     """A distribution of values that are equally likely between two."""
@@ -35,13 +39,7 @@ class EpisodeDistributions:
     not known, and for what is no number and no distribution.
     """
 
-    def __init__(
-        self,
-        what: str,
-        values: Mapping[str, Any],
-        usual: Mapping[str, float],
-        least: Mapping[str, float],
-    ) -> None:
+    def __init__(self, what: str, values: Mapping[str, Any], usual: Named, least: Named) -> None:
         if not isinstance(values, Mapping):
             raise UsageError(f"{what}: values by name, not {printable(values)}")
         self.what, self.values, self.least = what, dict(values), least
@@ -84,12 +82,7 @@ class Episodes:
     parts.
     """
 
-    def __init__(
-        self,
-        count: int,
-        parts: Mapping[str, tuple[Mapping[str, Any], Mapping[str, float]]],
-        least: Mapping[str, float],
-    ) -> None:
+    def __init__(self, count: int, parts: Mapping[str, Part], least: Named) -> None:
         self._count = count
         self._distributions = {
             what: EpisodeDistributions(what, values, usual, least if what != "parameters" else {})
@@ -100,9 +93,7 @@ class Episodes:
             for what, distributions in self._distributions.items()
         }
 
-    def draw(
-        self, rows: Flags, generators: Sequence[np.random.Generator]
-    ) -> dict[str, dict[str, Array]]:
+    def draw(self, rows: Flags, generators: Generators) -> dict[str, dict[str, Array]]:
         """Draw values (m) of some environments (n) anew, and return them."""
         ends = np.cumsum([len(each.drawn) for each in self._distributions.values()])
         chosen = itertools.compress(generators, rows)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from itertools import compress
 
 import numpy as np
 
 from gibbs_codegen.flight.plant.vehicle import Flags, Vehicle
+from gibbs_codegen.flight.rollouts.episodes import Generators
 from gibbs_codegen.runtime.rollouts import Array
 
 # Noise of position, attitude and joints: of coordinates, then of velocities. And the delay.
@@ -22,19 +22,15 @@ class Sensors:
     whole decisions of so many seconds.
     """
 
-    def __init__(
-        self, vehicle: Vehicle, values: Mapping[str, Array], count: int, decision: float
-    ) -> None:
+    def __init__(self, vehicle: Vehicle, values: dict[str, Array], n: int, decision: float) -> None:
         self._vehicle, self._values, self._decision = vehicle, values, decision
-        self._noise = np.zeros((count, vehicle.layout.displaced.size + vehicle.layout.v.size))
+        self._noise = np.zeros((n, vehicle.layout.displaced.size + vehicle.layout.v.size))
         # States of the last decisions, the latest first.
         start = np.concatenate([vehicle.neutral, np.zeros(vehicle.layout.v.size)])
-        self._past = [np.tile(start, (count, 1))]
-        self._ages = np.zeros(count, dtype=np.int64)
+        self._past = [np.tile(start, (n, 1))]
+        self._ages = np.zeros(n, dtype=np.int64)
 
-    def begin(
-        self, q: Array, v: Array, rows: Flags, generators: Sequence[np.random.Generator]
-    ) -> None:
+    def begin(self, q: Array, v: Array, rows: Flags, generators: Generators) -> None:
         """Begin with coordinates (n, nq) and velocities (n, nv) in some environments (n)."""
         delays = self._values.get("delay", np.zeros(len(q)))
         self._ages = np.ceil(delays / self._decision - 1e-9).astype(np.int64)
@@ -43,14 +39,12 @@ class Sensors:
             state[rows] = np.concatenate([q, v], axis=1)[rows]
         self._draw(rows, generators)
 
-    def after(
-        self, q: Array, v: Array, rows: Flags, generators: Sequence[np.random.Generator]
-    ) -> None:
+    def after(self, q: Array, v: Array, rows: Flags, generators: Generators) -> None:
         """Take over the states after a decision, with noise of their own of some (n)."""
         self._past = [np.concatenate([q, v], axis=1), *self._past[:-1]]
         self._draw(rows, generators)
 
-    def _draw(self, rows: Flags, generators: Sequence[np.random.Generator]) -> None:
+    def _draw(self, rows: Flags, generators: Generators) -> None:
         layout, sizes = self._vehicle.layout, np.zeros(self._noise.shape)
         parts = np.split(sizes, [layout.displaced.size], axis=1)
         for part, kinds, places in zip(parts, _NOISE, (layout.displaced, layout.v), strict=True):

@@ -76,14 +76,12 @@ Ending = Callable[[Moment], Flags]
 
 
 def _squares(x: Array) -> Array:
-    total: Array = (x**2).sum(axis=1)
-    return total
+    return np.asarray((x**2).sum(axis=1))
 
 
 def _worth(off: Array, rates: Array) -> Array:
     """Rewards (n), 1 of what is not off (n) at all and has no rates (n, nv), above 0."""
-    worth: Array = 1.0 / (1.0 + off + _RATES * _squares(rates))
-    return worth
+    return 1.0 / (1.0 + off + _RATES * _squares(rates))
 
 
 def is_lost(now: Moment) -> Flags:

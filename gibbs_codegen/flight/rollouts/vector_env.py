@@ -167,22 +167,17 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         nq, nv = vehicle.layout.q.size, vehicle.layout.v.size
         self._directions = [name for name, _ in vehicle.layout.displacements]
         self._forces = [f"{frame}_{axis}" for frame in vehicle.frames for axis in "xyz"]
-        arguments, actuators = (
-            RolloutArguments(module, whole("steps", steps)),
-            module_actuators(vehicle),
-        )
+        arguments = RolloutArguments(module, whole("steps", steps))
+        actuators = module_actuators(vehicle)
         check_settings(steps, steps, dt, method, precision)
         warn_of_long_steps(module, dt, method, {})
         hovers = arguments.states("hover", vehicle.neutral if hover is None else hover, nq)
         # Commands: to motors and servos of the robot file, or thrusts and torques.
         self._driven = actuators.commands is not None
-        if self._driven:
-            motors = arguments.motors(limits, time_constants, None)
-        else:
-            ends = actuators.inputs if limits is None else limits
-            lag = actuators.lag if time_constants is None else time_constants
-            motors = arguments.motors(ends, lag, None)
-        self._motors = motors = cast(MotorModel, motors)
+        if not self._driven:
+            limits = tuple(actuators.inputs) if limits is None else limits
+            time_constants = actuators.lag if time_constants is None else time_constants
+        self._motors = motors = cast(MotorModel, arguments.motors(limits, time_constants, None))
         # Of all episodes, and of those that are under way.
         self._limits = self._ends = np.stack([motors.least, motors.most])
         if arguments.count() != 1:
@@ -254,10 +249,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             _LEAST,
         )
         if vehicle.layout.has_drive and each and {"vx", "wz"} <= {*each, *wanted}:
-            raise UsageError(
-                f"swings: targets of {vehicle.name} that go ahead and are turned would slip "
-                "sideways, as it cannot; let vx or wz out of swings and targets"
-            )
+            words = "targets that go ahead and are turned would slip sideways, as it cannot"
+            raise UsageError(f"swings: {vehicle.name}: {words}; leave vx or wz out of them")
         sensed = self._episodes.values["sensors"]
         self._sensors = Sensors(vehicle, sensed, self.num_envs, steps * dt) if sensed else None
         self.data: dict[str, Any] = {}
@@ -436,15 +429,9 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         """Begin episodes in some of the environments (n)."""
         drawn = self._episodes.draw(rows, self._generators)
         now, parameters = self._now, drawn["parameters"]
-        away, v = (
-            self._episodes.table(what, names)[rows]
-            for what, names in (
-                ("offsets", self._directions),
-                ("rates", self._vehicle.module.VELOCITIES),
-            )
-        )
+        away = self._episodes.table("offsets", self._directions)[rows]
         now.q[rows] = self._vehicle.displaced(self._hover, away)
-        now.v[rows] = v
+        now.v[rows] = self._episodes.table("rates", self._vehicle.module.VELOCITIES)[rows]
         now.inputs[rows] = 0.0 if self._actions.loop else self._holding
         self._motors.thrusts[rows] = self._holding[: self._vehicle.rotors]
         if now.x is not None:
@@ -475,18 +462,14 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         flown = array_rollout(self._decided(asked), self._threads)
         last = asked[:, : self._vehicle.rotors] if flown.thrusts is None else flown.thrusts[:, -1]
         self._motors = replace(self._motors, thrusts=last.copy())
-        x, bristles = (
-            None if part is None else part[:, -1].copy() for part in (flown.x, flown.bristles)
-        )
-        q, v = flown.q[:, -1].copy(), flown.v[:, -1].copy()
-        self._now = replace(
-            self._now, q=q, v=v, x=x, bristles=bristles, inputs=asked[:, np.newaxis]
-        )
+        found = {name: getattr(flown, name) for name in ("q", "v", "x", "bristles")}
+        after = {name: part[:, -1].copy() for name, part in found.items() if part is not None}
+        self._now = replace(self._now, **after, inputs=asked[:, np.newaxis])
         self._decisions += 1
         if self._episodes.values["swings"]:
             self._target = self._wanted_at(self._time())
         if self._sensors:
-            self._sensors.after(q, v, ~self._over, self._generators)
+            self._sensors.after(self._now.q, self._now.v, ~self._over, self._generators)
         return flown.ended
 
     def _decided(self, asked: Array) -> Problem:
@@ -586,12 +569,6 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             v, a = (on - back) / (2.0 * _APART), (on + back) / _APART**2
         return q, v, a
 
-    def _sensed(self, now: Moment) -> Moment:
-        """A moment with coordinates and velocities as sensors tell them."""
-        assert self._sensors is not None  # noqa: S101 - there are some
-        q, v = self._sensors.read()
-        return replace(now, q=q, v=v, away=self._vehicle.displacement(now.target, q))
-
     def _time(self) -> Array:
         """Lengths of episodes (n), s."""
         return self._decisions * np.float64(self._now.steps * self._now.dt)
@@ -666,9 +643,12 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         return values
 
     def _observed(self, now: Moment) -> Observations:
-        """Observations (n, m) of where the environments are."""
+        """Observations (n, m) of where the environments are, as sensors tell it."""
         with np.errstate(all="ignore"):
-            observed = self._observe(self._sensed(now) if self._sensors else now)
+            if self._sensors:
+                q, v = self._sensors.read()
+                now = replace(now, q=q, v=v, away=self._vehicle.displacement(now.target, q))
+            observed = self._observe(now)
         return np.clip(observed, -_GREATEST_SINGLE, _GREATEST_SINGLE).astype(np.float32)
 
 
