@@ -66,12 +66,12 @@ def definitions(body: list[ast.stmt], prefix: str = "") -> Iterator[tuple[str, D
             yield from definitions(node.body, f"{prefix}{node.name}.{inside}")
 
 
-def missing(function: ast.FunctionDef) -> list[str]:
+def missing(function: ast.FunctionDef, text: str | None = None) -> list[str]:
     """What the sections of a docstring leave out, or say of arguments that there are not."""
     taken = function.args
     listed = [*taken.posonlyargs, *taken.args, *taken.kwonlyargs, taken.vararg, taken.kwarg]
     names = {argument.arg for argument in listed if argument is not None} - {"self", "cls"}
-    text = ast.get_docstring(function) or ""
+    text = text or ast.get_docstring(function) or ""
     section = re.search(r"^Args:\n(.*?)(?=^\S|\Z)", text, re.MULTILINE | re.DOTALL)
     heads = re.findall(r"^    (\*{0,2}[\w, *]+):", section[1], re.MULTILINE) if section else []
     told = {name.strip(" *") for head in heads for name in head.split(",")}
@@ -99,6 +99,11 @@ def faults(path: Path, users_read: set[tuple[Path, str]]) -> Iterator[str]:
         if is_public and (emitted or (path, name.split(".")[0]) in users_read):
             if isinstance(node, ast.FunctionDef) and (lacks := missing(node)):
                 yield where + "; ".join(lacks)
+            made = next((x for x in node.body if getattr(x, "name", "") == "__init__"), None)
+            text = ast.get_docstring(node) or ""
+            if isinstance(made, ast.FunctionDef) and "\nArgs:\n" in text:
+                for lack in (x for x in missing(made, text) if "argument" in x):
+                    yield where + lack
         elif not emitted and (heads := SECTION.findall(ast.get_docstring(node) or "")):
             yield where + f"{', '.join(heads)} where no user reads it"
 
