@@ -3,6 +3,14 @@
 #include <stdint.h>
 #include <string.h>
 
+/*
+ * For processors with AVX-512, gcc 12 repeats the first entry of a constant where it copies equal
+ * entries that zeros follow. So no loop may become such a copy.
+ */
+#if defined(__GNUC__) && !defined(__clang__) && __GNUC__ == 12 && defined(__x86_64__)
+#pragma GCC optimize("no-tree-loop-distribute-patterns")
+#endif
+
 #if defined(_MSC_VER) || (defined(__cplusplus) && defined(__GNUC__))
 #define RESTRICT __restrict
 #elif defined(__cplusplus)

@@ -310,12 +310,24 @@ class Transcription:
 
     def settings(self, values: Mapping[str, Array]) -> str:
         """The function `init`, which fills in `values` by the names of settings and `constants`."""
-        lines = ["", "void MODULE(predictive_init)(Controller *own)", "{"]
+        lines = [
+            "",
+            "static void settle(real *to, const volatile real *from, const int count)",
+            "{",
+            "    for (int i = 0; i < count; ++i) {",
+            "        to[i] = from[i];",
+            "    }",
+            "}",
+            "",
+            "void MODULE(predictive_init)(Controller *own)",
+            "{",
+        ]
         for name, value in values.items():
             numbers = ", ".join(map(literal, value.ravel().tolist()))
-            lines += broken(f"    static const real {name}[{value.size}] = {{{numbers}}};")
+            # Volatile, since gcc 12 copies constants wrongly (see emitted/platform.c).
+            lines += broken(f"    static const volatile real {name}[{value.size}] = {{{numbers}}};")
         lines.append("    memset(own, 0, sizeof *own);")
-        lines += [f"    memcpy(&own->{name}, {name}, sizeof {name});" for name in values]
+        lines += [f"    settle(reals(&own->{name}), {name}, {x.size});" for name, x in values.items()]
         return "\n".join([*lines, "    MODULE(predictive_reset)(own);", "}", ""])
 
     @property
