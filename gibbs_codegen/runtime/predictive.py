@@ -327,7 +327,9 @@ class Transcription:
             # Volatile, since gcc 12 copies constants wrongly (see emitted/platform.c).
             lines += broken(f"    static const volatile real {name}[{value.size}] = {{{numbers}}};")
         lines.append("    memset(own, 0, sizeof *own);")
-        lines += [f"    settle(reals(&own->{name}), {name}, {x.size});" for name, x in values.items()]
+        lines += [
+            f"    settle(reals(&own->{name}), {name}, {x.size});" for name, x in values.items()
+        ]
         return "\n".join([*lines, "    MODULE(predictive_reset)(own);", "}", ""])
 
     @property
