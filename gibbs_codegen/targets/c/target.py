@@ -6,6 +6,7 @@ import textwrap
 from collections.abc import Iterable
 
 from gibbs_codegen.files.line_breaks import WIDTH, broken
+from gibbs_codegen.files.templating import render
 from gibbs_codegen.files.verbatim import c_source
 from gibbs_codegen.interface import (
     ARGUMENTS,
@@ -41,15 +42,16 @@ def module_text(
 
     `blocks` says whether the header has the forms for blocks of states. `entry_lines` explain the
     entries of arguments and results. `places` has the enumerators of the places in arguments, by
-    the words for these. `runtime` is the source that depends on no robot, which a header of its own
-    has, and `gather` that of functions without zeros.
+    the words for these, and `layout` is their text, which the header of CUDA shares. `runtime` is
+    the source that depends on no robot, which a header of its own has, and `gather` that of
+    functions without zeros.
     """
     robot, program = model.robot, model.program
     values = program.prepared(model.defaults)
     functions = [*c_functions(model, printer), *program_texts(model)]
     macros = _macros(robot.name, model.defaults)
     listed, folded = model.description.lists(model.functions), ", ".join(model.folded) or "nothing"
-    return {
+    context = {
         "header": header,
         "runtime_header": [header[0], header[-1]],
         "name": robot.name,
@@ -94,6 +96,7 @@ def module_text(
         "sparse": sparse_texts(model),
         "gather": c_source("gather.c"),
     }
+    return {**context, "layout": render("c_places.h.jinja", context).rstrip()}
 
 
 def _prepare_lines(model: Model, statements: CStatements) -> Lines:
