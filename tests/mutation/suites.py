@@ -49,7 +49,7 @@ ARRAYS, MACHINE = (
 # The other templates are declarations and text, and so are the other files of `emitted`.
 TEMPLATES = (
     *("c_source.c.jinja", "c_batch.c.jinja", "c_each.c.jinja", "numpy_module.py.jinja"),
-    *("arctangent.c", "blocks.c", "exactness.c", "gather.c", "platform.c"),
+    *("arctangent.c", "blocks.c", "exactness.c", "gather.c", "literals.c"),
     *("sine_cosine.c", "sine_cosine_kernel.c"),
 )
 # Functions that stand in every MATLAB package.
@@ -277,7 +277,7 @@ _QUICK = {
     "blocks.c": _QUICK_BLOCKS,
     "gather.c": _QUICK_BLOCKS,
     "exactness.c": _QUICK_BLOCKS,
-    "platform.c": _QUICK_BLOCKS,
+    "literals.c": _QUICK_BLOCKS,
     "sine_cosine.c": _QUICK_SINE,
     "sine_cosine_kernel.c": _QUICK_SINE,
     "emitted.evaluation": ("tests/emitted/test_evaluation.py", *_QUICK_EMISSION),
@@ -329,7 +329,7 @@ _REST = {
     "blocks.c": _IN_C,
     "gather.c": ("tests/targets/test_sparse.py",),
     "exactness.c": _IN_C,
-    "platform.c": _IN_C,
+    "literals.c": _IN_C,
     "sine_cosine.c": (*_IN_C, "tests/emitted/test_sine_cosine.py"),
     "sine_cosine_kernel.c": (*_IN_C, "tests/emitted/test_sine_cosine.py"),
     "numpy_module.py.jinja": (_EMITTED, "tests/runtime/test_c_backend.py"),
