@@ -56,6 +56,7 @@ extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
+    "api_links",
     "front_page",
     "gallery",
     "generated",
