@@ -51,6 +51,7 @@ DATA = """
     emitted/matlab/changed_parameters.m emitted/matlab/check_constants.m
     emitted/matlab/product.m emitted/matlab/states.m
     runtime/native/arrays.h runtime/native/caller.c runtime/native/jax_call.c runtime/native/rows.c
+    runtime/native/web/math.h runtime/native/web/string.h
     robots/__init__.py robots/cart_pole.toml robots/decarotor_3link.toml
     robots/delta_hexarotor.toml robots/dual_arm.toml robots/hexarotor.toml
     robots/hexarotor_3link.toml robots/hextilt_flying_arm_5.toml robots/hydrus.toml
@@ -73,7 +74,7 @@ DATA = """
     templates/matlab_prepare.m.jinja templates/matlab_source.m.jinja
     templates/numpy_module.py.jinja
     templates/package_init.py.jinja templates/placed_robot.toml.jinja
-    templates/robot.toml.jinja
+    templates/robot.toml.jinja templates/web_module.mjs.jinja
 """
 ABOUT = "METADATA RECORD WHEEL entry_points.txt top_level.txt licenses/LICENSE"
 MADE_BY_SETUPTOOLS = """

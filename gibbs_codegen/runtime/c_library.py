@@ -110,17 +110,24 @@ class Compiler:
         programs = list(itertools.takewhile(lambda word: not word.startswith("-"), self.command))
         options = self.command[len(programs) :]
         files = [*map(str, sources), "-o", str(output), *_LINKER_FLAGS, "-lm"]
-        code, said = _run([*programs, *flags, *options, *files], _TIMEOUT_SECONDS, output.parent)
-        name = " ".join(programs)
-        if code is None:
-            raise _EndedError(f"{name} did not finish in {_TIMEOUT_SECONDS:.0f} s")
-        if code < 0:
-            raise _EndedError(f"{name} was ended by {signal.Signals(-code).name}")
-        if code != 0 or not output.is_file():
-            lines = [line.strip() for line in said.splitlines() if line.strip()]
-            telling = [x for x in lines if "error" in x.lower() and not x.startswith("collect2")]
-            reason = [*telling, *lines, f"exit code {code}"][0]
-            raise CompilerError(f"{name} failed: {reason[:300]}")
+        compile_file([*programs, *flags, *options, *files], output, " ".join(programs))
+
+
+def compile_file(command: Sequence[str], output: Path, name: str) -> None:
+    """Run the command of a compiler that makes a file; `name` is the compiler's in messages.
+
+    Raises `CompilerError` if it fails or hangs.
+    """
+    code, said = _run(command, _TIMEOUT_SECONDS, output.parent)
+    if code is None:
+        raise _EndedError(f"{name} did not finish in {_TIMEOUT_SECONDS:.0f} s")
+    if code < 0:
+        raise _EndedError(f"{name} was ended by {signal.Signals(-code).name}")
+    if code != 0 or not output.is_file():
+        lines = [line.strip() for line in said.splitlines() if line.strip()]
+        telling = [x for x in lines if "error" in x.lower() and not x.startswith("collect2")]
+        reason = [*telling, *lines, f"exit code {code}"][0]
+        raise CompilerError(f"{name} failed: {reason[:300]}")
 
 
 @functools.cache
@@ -439,7 +446,7 @@ def compiled_files(
     def make(output: Path) -> None:
         # Other flags take another time.
         seconds = None if extra else lambda: _seconds(texts.values())
-        with _written(texts, output) as files, announced(_compiling(name, what), seconds):
+        with written(texts, output) as files, announced(_compiling(name, what), seconds):
             compiled = [file for file in files if file.name not in passed_over]
             compiler.library(compiled, output, extra)
 
@@ -458,7 +465,7 @@ def module_texts(folder: Path, files: Sequence[str]) -> dict[str, bytes]:
 
 
 @contextmanager
-def _written(texts: Mapping[str, bytes], output: Path) -> Iterator[list[Path]]:
+def written(texts: Mapping[str, bytes], output: Path) -> Iterator[list[Path]]:
     """Paths of the C files among texts by their names, which are beside the output meanwhile."""
     folder = output.parent / "source"
     folder.mkdir()
@@ -487,7 +494,7 @@ def portable_library(name: str, sources: Mapping[str, str]) -> Path:
 
     def make(output: Path) -> None:
         texts = {file: text.encode() for file, text in sources.items()}
-        with _written(texts, output) as files, announced(f"{name}: compiling its FMU"):
+        with written(texts, output) as files, announced(f"{name}: compiling its FMU"):
             compiler.portable(files, output)
 
     return cached_library("\n".join([*_PORTABLE, compiler.identity, *sources.values()]), make)

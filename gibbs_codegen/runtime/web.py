@@ -1,0 +1,209 @@
+"""Emitted C as WebAssembly, and the ES module that calls it: no C library, no run time of others.
+
+The functions are those for one state. They give the bits of the same C compiled natively without
+fused operations, but for arctangents, which are the browser's.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.files.templating import render
+from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, LISTS, Signature, module_signatures
+from gibbs_codegen.runtime.c_library import (
+    NATIVE,
+    RUNTIME,
+    CompilerError,
+    announced,
+    compile_file,
+    module_texts,
+    some_functions,
+    written,
+)
+from gibbs_codegen.runtime.cache import CacheError, cached_library
+from gibbs_codegen.runtime.loaded_module import require_functions
+
+TEMPLATE = "web_module.mjs.jinja"
+# Without a C library; what nobody calls is left out.
+_FLAGS = (
+    *("-std=gnu11", "-O2", "-DNDEBUG", "-fno-math-errno", "-ffp-contract=off", "-mbulk-memory"),
+    *("-ffunction-sections", "-w", "-nostdlib", "-Wl,--no-entry", "-Wl,--allow-undefined"),
+    *("-Wl,--strip-all", "-Wl,--gc-sections", "-Wl,-z,stack-size=131072"),
+)
+# Names of clang by their versions, the newest first.
+_CLANGS = ("clang", *(f"clang-{version}" for version in range(30, 10, -1)))
+_MEMBER = re.compile(r"^ +\w+_real (\w+)(?:\[(\d+)\])?;", re.MULTILINE)
+
+
+def web_assembly(
+    module: ModuleType, functions: Iterable[str] | None = None, laws: Iterable[str] = ()
+) -> bytes:
+    """Compile emitted functions of a robot to WebAssembly.
+
+    Args:
+        module: A generated module, with the target c.
+        functions: Names of its functions; all of them, if None.
+        laws: Names of the laws that were generated with it, such as "geometric".
+
+    Returns:
+        The bytes. They import `sin`, `cos`, `atan`, `atan2` and `exp` from `env`, and export
+        `<name>_<function>` as the header declares it, for one state, `<name>_init_constants`,
+        `<name>_default_constants`, `<name>_default_parameters`, `memory`, and `__heap_base`, where
+        free memory begins. `web_script` makes what calls them.
+
+    Raises:
+        UsageError: A function, a law or the target c is missing, or a compiler for WebAssembly.
+    """
+    chosen, laws = _chosen(module, functions), tuple(laws)
+    folder, name = Path(module.__path__[0]), module.NAME
+    files = [RUNTIME, f"{name}.h", f"{name}.c", *_law_files(name, laws)]
+    if laws and not (folder / files[-1]).is_file():
+        raise UsageError(f"{name}: has no laws; generate it with --laws={','.join(laws)}")
+    texts = module_texts(folder, files)
+    if not laws:  # They call functions that nobody names.
+        parts = {part for x in chosen for part in (x, *FUNCTIONS[x].composed)}
+        texts[f"{name}.c"] = some_functions(texts[f"{name}.c"], parts)
+    return assembled(name, texts, [*chosen, *_with_rotors(laws)])
+
+
+def web_script(
+    module: ModuleType, functions: Iterable[str] | None = None, laws: Iterable[str] = ()
+) -> str:
+    """Write the ES module that calls what `web_assembly` makes of the same arguments.
+
+    Args:
+        module, functions, laws: As of `web_assembly`.
+
+    Returns:
+        Its text. It exports `load`, which takes those bytes and promises the robot: an object with
+        a function for each emitted one, and an array for each argument.
+
+    Raises:
+        UsageError: As of `web_assembly`, but for the compiler.
+    """
+    chosen, laws, name = _chosen(module, functions), tuple(laws), module.NAME
+    files = [f"{name}.h", *_law_files(name, laws)[:1]]
+    headers = b"".join(module_texts(Path(module.__path__[0]), files).values()).decode()
+    signatures = [x for x in module_signatures(module) if x.name in chosen]
+    return render(TEMPLATE, script_context(module, signatures, headers, laws))
+
+
+def _chosen(module: ModuleType, functions: Iterable[str] | None) -> list[str]:
+    """Names of chosen functions of a module, in the order of the table."""
+    names = [signature.name for signature in module_signatures(module)]
+    chosen = names if functions is None else [*functions]
+    require_functions(module, chosen)
+    return [name for name in names if name in chosen]
+
+
+def _law_files(name: str, laws: Sequence[str]) -> list[str]:
+    return [f"{name}_laws.h", f"{name}_laws.c"] if laws else []
+
+
+def script_context(
+    module: Any, signatures: Sequence[Signature], headers: str, laws: Sequence[str]
+) -> dict[str, Any]:
+    """Context of the template: entries of arrays by name, and parameters of functions, in order.
+
+    `module` has the constants of a generated one, `headers` are its texts, that of laws too. A
+    parameter is the name of an array that is read, or "=" and that of a number; or the name of an
+    array that is written, and its entries: None where it is one of the arrays by name.
+    """
+    lists = {name: [*getattr(module, name, ())] for name in LISTS.values()}
+    name, constants = module.NAME, re.search(r"_CONSTANTS (\d+)", headers)
+    arrays: dict[str, Any] = {
+        "parameters": len(lists["PARAMETERS"]),
+        "constants": int(constants[1]) if constants else 0,
+        "u": len(lists["INPUTS"]),
+    }
+    functions: dict[str, list[Any]] = {}
+    for x in signatures:
+        arrays |= dict(zip(x.arguments, x.widths, strict=True))
+        outputs = zip(FUNCTIONS[x.name].outputs, x.shapes, strict=True)
+        functions[x.name] = [
+            *(name if ARGUMENTS[name].shape else f"={name}" for name in x.arguments),
+            *([output.name, math.prod(shape)] for output, shape in outputs),
+        ]
+    structures = rf"typedef struct \{{\n(.*?)\n\}} {name}_(\w+);"
+    for members, structure in re.findall(structures, headers, re.DOTALL):
+        arrays[structure] = {part: int(size or 1) for part, size in _MEMBER.findall(members)}
+    for law in _with_rotors(laws):
+        functions[law] = _parameters(headers, f"{name}_{law}")
+    entries = [sum(size.values()) if isinstance(size, dict) else size for size in arrays.values()]
+    results = [x[1] or 0 for y in functions.values() for x in y if isinstance(x, list)]
+    return {
+        "header": [],
+        "lines": [],
+        "name": name,
+        "lists": json.dumps(lists),
+        "arrays": json.dumps(arrays),
+        "functions": json.dumps(functions),
+        "entries": sum(entries) + sum(results),
+    }
+
+
+def _with_rotors(laws: Sequence[str]) -> list[str]:
+    """Names of the functions of laws."""
+    return [*laws, *["init_rotors"] * bool(laws)]
+
+
+def _parameters(headers: str, function: str) -> list[Any]:
+    """Parameters of a function of laws, after the constants."""
+    found = re.search(rf"\bvoid {function}\(([^)]*)\);", headers)
+    assert found  # noqa: S101 - the linker found it
+    words = [parameter.split() for parameter in found[1].split(",")[1:]]
+    return [
+        (name[1:] if first == "const" else [name[1:], None]) if name[0] == "*" else f"={name}"
+        for first, *_, name in words
+    ]
+
+
+def assembled(name: str, texts: Mapping[str, bytes], functions: Sequence[str]) -> bytes:
+    """C files of a robot as WebAssembly that exports some functions, from the cache or made now.
+
+    `texts` are by file names. Raises `UsageError` where no compiler makes it.
+    """
+    command = [*compiler(), *_FLAGS, "-I", str(NATIVE / "web"), f"-D{name.upper()}_SINGLY"]
+    symbols = [*functions, "init_constants", "default_constants", "default_parameters"]
+    exported = ["__heap_base", *(f"{name}_{symbol}" for symbol in symbols)]
+
+    def make(output: Path) -> None:
+        what = f"{name}: compiling it to WebAssembly, to be kept for the next time"
+        with written(texts, output) as files, announced(what):
+            sources = map(str, files)
+            exports = (f"-Wl,--export={symbol}" for symbol in exported)
+            compile_file([*command, *exports, *sources, "-o", str(output)], output, command[0])
+
+    key = "\n".join([*command, *exported, *(f"{x}\n{y.decode()}" for x, y in texts.items())])
+    try:
+        return cached_library(key, make).read_bytes()
+    except (CompilerError, CacheError) as error:
+        raise UsageError(f"{name}: no WebAssembly: {printable(error, 400)}") from None
+
+
+@functools.cache
+def compiler() -> tuple[str, ...]:
+    """The command of a compiler that makes WebAssembly: a clang with its linker, or the extra's."""
+    for clang in filter(None, map(shutil.which, _CLANGS)):
+        asked = [clang, "-print-prog-name=wasm-ld"]
+        done = subprocess.run(asked, capture_output=True, text=True, check=False)  # noqa: S603
+        if shutil.which(done.stdout.strip()):
+            return clang, "--target=wasm32"
+    if find_spec("ziglang"):
+        return sys.executable, "-m", "ziglang", "cc", "-target", "wasm32-freestanding"
+    raise UsageError(
+        "WebAssembly: no clang with wasm-ld, which compiles to it; install clang and lld, or the "
+        "extra web: pip install 'gibbs_codegen[web]'"
+    )
