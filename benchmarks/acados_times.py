@@ -1,6 +1,6 @@
 """Time solvers of acados: `python benchmarks/acados_times.py [ROBOT ...] [--form FORM]`.
 
-It prints rows of the table in docs/howto/acados.md, of an interpreter that has acados: a robot goes
+It prints what docs/explanation/measurements.md takes numbers from, of an interpreter that has acados: a robot goes
 back to rest from 0.1 off in its first coordinate and last velocity, by one real-time iteration at
 each instant of the plan itself. In turn: processor seconds of compilers, and of Python, which makes
 the model and the solver's sources; the most memory of a compiler, or of Python as it starts one;

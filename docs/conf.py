@@ -73,6 +73,8 @@ if pages := os.environ.get("GIBBS_CODEGEN_PAGES", "").split():
 
 # Docstrings are Google's, with names in single backticks.
 default_role = "code"
+# Entries of classes that need these packages come without them.
+autodoc_mock_imports = ["gymnasium", "torch"]
 autodoc_preserve_defaults = True
 autodoc_type_aliases = {"ArrayLike": "ArrayLike", "Array": "Array"}
 autodoc_typehints_format = "short"

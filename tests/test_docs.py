@@ -31,7 +31,6 @@ pytestmark = pytest.mark.usefixtures("derived_once")
 
 # Pages that need a package more, each with a test file that runs it and asserts what comes out.
 RUN_ELSEWHERE = {
-    "docs/howto/acados.md": "tests/runtime/test_acados.py",
     "docs/howto/casadi.md": "tests/runtime/test_casadi_backend.py",
     "docs/howto/crocoddyl.md": "tests/test_crocoddyl.py",
     "docs/howto/own-law.md": "tests/runtime/test_own_law.py",

@@ -117,7 +117,7 @@ TARGETS: dict[str, Target] = {
 _LOADED = {
     "jax": "load(…, backend='jax')",
     "casadi": "load(…, backend='casadi'), and docs/howto/casadi.md compiles its functions",
-    "acados": "acados_model(load(…)), as docs/howto/acados.md shows",
+    "acados": "acados_model(load(…)), as docs/howto/own-nmpc.md shows",
 }
 DEFAULT_TARGETS = tuple(name for name, target in TARGETS.items() if target.by_default)
 
