@@ -1,11 +1,11 @@
 """Time solvers of acados: `python benchmarks/acados_times.py [ROBOT ...] [--form FORM]`.
 
-It prints what docs/explanation/measurements.md takes numbers from, of an interpreter that has acados: a robot goes
-back to rest from 0.1 off in its first coordinate and last velocity, by one real-time iteration at
-each instant of the plan itself. In turn: processor seconds of compilers, and of Python, which makes
-the model and the solver's sources; the most memory of a compiler, or of Python as it starts one;
-and by acados' own clock, wall time, the least and the median of an instant, and the least of the
-linearisation.
+It needs an interpreter that has acados, and gives the numbers of docs/explanation/measurements.md:
+a robot goes back to rest from 0.1 off in its first coordinate and last velocity, by one real-time
+iteration at each instant of the plan itself. In turn: processor seconds of compilers, and of
+Python, which makes the model and the solver's sources; the most memory of a compiler, or of Python
+as it starts one; and by acados' own clock, wall time, the least and the median of an instant, and
+the least of the linearisation.
 """
 
 from __future__ import annotations

@@ -177,7 +177,7 @@ def test_files_in_toml_are_accepted() -> None:
     touching = ["howto/force-control", "howto/walls"]
     loads = ["howto/observers"]
     filtered = ["howto/estimate"]
-    named = ("actuators", "constraints", "import", "other-machines", "sensors", "several-arms")
+    named = ("actuators", "constraints", "import", "other-machines", "sensors")
     howto = [f"howto/{page}" for page in named]
     pages = [
         *sorted([*howto, *touching, *loads, *filtered]),
