@@ -283,9 +283,10 @@ class Table:
         # What a misspelt key may mend is no fault.
         mended = {meant[key]: values[key] for key in meant} | present
         lasting = {*cls._key_faults(mended)} if meant else ()
-        for key, words in cls._key_faults(present):
-            if not meant or (key, words) in lasting:
-                faults.append(((key,) if isinstance(key, str) else key, words))
+        # Types of tables within are looked up among these names too, where `key` is a function.
+        for at, words in cls._key_faults(present):
+            if not meant or (at, words) in lasting:
+                faults.append(((at,) if isinstance(at, str) else at, words))
         try:
             made = handler(pydantic_core.ArgsKwargs((), arguments))
         except pydantic.ValidationError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import string
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path as FilePath
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.tools import run
 
 from gibbs_codegen.errors import ScenarioFileError, UsageError
 from gibbs_codegen.files.toml import changes_of
@@ -913,3 +915,16 @@ def test_parts_made_in_python_may_be_endless_or_numpy_s() -> None:
     assert Push((1, 2, 3), end=math.inf).end == math.inf
     assert Motors(compensation=np.bool_(False)) == Motors(compensation=False)
     assert Sensors(seed=np.int64(3)) == Sensors(seed=3)
+
+
+def test_a_fault_of_keys_is_said_by_the_first_scenario_of_a_process() -> None:
+    """Tables are completed by the first that is read, by names of the frame that reads it."""
+    code = """if True:
+        from gibbs_codegen import ScenarioFileError, read_scenario
+        circle = {"kind": "circle", "centre": [0, 0, 1], "radius": 0.1, "period": 4}
+        try:
+            read_scenario("hover", {"arm.frames": {"tip": circle}, "arm.posture_deg": {"a": 1}})
+        except ScenarioFileError as error:
+            print(error)
+    """
+    assert "frames already says what the arm does" in run([sys.executable, "-c", code])
