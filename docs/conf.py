@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
+import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
@@ -58,7 +59,6 @@ extensions = [
     "sphinx.ext.napoleon",
     "api_links",
     "front_page",
-    "gallery",
     "generated",
     "llms",
     "repository",
@@ -96,6 +96,9 @@ nb_render_markdown_format = "myst"
 
 html_theme = "furo"
 html_title = f"gibbs_codegen {release}"
+# The address of the site, once it has one, is set there and nowhere else in code.
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+html_baseurl = PROJECT.get("urls", {}).get("Documentation", "")
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_copy_source = False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import tomllib
 from os.path import relpath
 from pathlib import Path
 from shutil import copytree
@@ -305,3 +306,9 @@ def test_every_page_is_listed_in_the_index_of_its_room(page: str) -> None:
 
 def test_the_readme_is_short() -> None:
     assert len(PAGES["README.md"].splitlines()) <= 150
+
+
+def test_the_readme_has_the_address_of_the_site_or_says_that_there_is_none() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    words = project.get("urls", {}).get("Documentation", "It has no public address yet")
+    assert words in " ".join(PAGES["README.md"].split())

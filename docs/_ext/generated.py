@@ -10,7 +10,6 @@ import re
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from gallery import gallery
 from ways_to_fly import ways_to_fly
 
 from gibbs_codegen.cli.app import argument_parser
@@ -180,7 +179,7 @@ def dimensions(shape: str) -> str:
 
 PARTS: dict[str, Callable[[], str]] = {
     part.__name__: part
-    for part in (robot_keys, scenario_keys, commands, c_functions, ways_to_fly, gallery)
+    for part in (robot_keys, scenario_keys, commands, c_functions, ways_to_fly)
 }
 
 

@@ -64,7 +64,8 @@ def test_links_lead_somewhere(pages: dict[str, BeautifulSoup]) -> None:
             to = urlsplit(str(link["href"]))
             target = (SITE / page).parent / unquote(to.path) if to.path else SITE / page
             if to.scheme or to.netloc:  # A page may link to other machines, but load nothing.
-                right = link.name == "a" and to.scheme in ("https", "mailto")
+                named = link.name == "a" or link.get("rel") == ["canonical"]
+                right = named and to.scheme in ("https", "mailto")
             elif to.fragment and target.suffix == ".html":
                 there = pages.get(target.resolve().relative_to(SITE).as_posix())
                 right = there is not None and there.find(id=unquote(to.fragment)) is not None
