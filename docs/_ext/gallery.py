@@ -40,7 +40,7 @@ _ROOM = 0.05
 
 
 def picture(robot: Robot) -> Figure:
-    """Draw a robot as large as the picture allows; one with constraints at zero, where they hold."""
+    """Draw a robot as large as the picture allows; one with constraints at zero."""
     layout = layout_of(robot)
     q = np.array(layout.neutral) if robot.constraints else default_posture(robot)
     if robot.name in POSTURES:

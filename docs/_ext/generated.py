@@ -178,8 +178,7 @@ def dimensions(shape: str) -> str:
 
 
 PARTS: dict[str, Callable[[], str]] = {
-    part.__name__: part
-    for part in (robot_keys, scenario_keys, commands, c_functions, ways_to_fly)
+    part.__name__: part for part in (robot_keys, scenario_keys, commands, c_functions, ways_to_fly)
 }
 
 
