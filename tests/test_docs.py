@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import json
 import re
 import shlex
@@ -45,6 +46,9 @@ RUN_ELSEWHERE = {
 }
 # Pages of whole projects, which tests/test_project_pages.py builds and runs.
 PROJECTS = ("docs/howto/cmake.md", "docs/howto/eigen.md", "docs/howto/predictive-c.md")
+# Entries of Python's functions, each with an example; those of these need a package, or a window.
+API_PAGES = sorted(page for page in PAGES if page.startswith("docs/reference/python-"))
+WITHOUT_EXAMPLE = {"acados_model", "differentiable", "view"}
 MODULE_PAGE = "docs/reference/generated-module.md"
 COMMAND = re.compile(r"gibbs-codegen ([^#&>\n]*)")
 
@@ -265,9 +269,27 @@ def test_every_emitted_function_is_listed() -> None:
         assert f"`{row.name}(" in PAGES[page], row.name
 
 
-def test_every_name_that_is_imported_is_on_the_page_of_the_python_functions() -> None:
-    described = re.findall(r"^\.\. auto\w+:: (\w+)", PAGES["docs/reference/python-api.md"], re.M)
-    assert sorted([*described, "__version__"]) == sorted(gibbs_codegen.__all__)
+@pytest.mark.slow
+@pytest.mark.parametrize("page", API_PAGES)
+def test_examples_of_functions_give_what_is_shown(
+    page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = "\n".join(blocks(page, "{eval-rst}"))
+    examples = doctest.DocTestParser().get_doctest(text, {}, page, page, 0)
+    assert examples.examples
+    assert doctest.DocTestRunner().run(examples).failed == 0
+
+
+def test_every_name_that_is_imported_has_an_entry_with_an_example() -> None:
+    text = "\n".join(PAGES[page] for page in API_PAGES)
+    described = re.findall(r"^\.\. auto(\w+):: (\w+)$", text, re.MULTILINE)
+    errors = re.findall(r"^\.\. autoexception:: (\w+)$", PAGES["docs/reference/errors.md"], re.M)
+    names = [name for _, name in described]
+    assert sorted([*names, *errors, "__version__"]) == sorted(gibbs_codegen.__all__)
+    for kind, name in described:
+        entry = re.split(r"^\.\. auto", text.partition(f":: {name}\n")[2], maxsplit=1, flags=re.M)[0]
+        assert ">>>" in entry or kind == "exception" or name in WITHOUT_EXAMPLE, name
 
 
 def test_pages_that_are_run_elsewhere_have_their_tests() -> None:
