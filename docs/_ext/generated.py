@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from moving import hybrid_equation
 from ways_to_fly import ways_to_fly
 
 from gibbs_codegen.cli.app import argument_parser
@@ -178,7 +179,8 @@ def dimensions(shape: str) -> str:
 
 
 PARTS: dict[str, Callable[[], str]] = {
-    part.__name__: part for part in (robot_keys, scenario_keys, commands, c_functions, ways_to_fly)
+    part.__name__: part
+    for part in (robot_keys, scenario_keys, commands, c_functions, ways_to_fly, hybrid_equation)
 }
 
 
