@@ -62,6 +62,7 @@ extensions = [
     "front_page",
     "generated",
     "llms",
+    "paper_page",
     "repository",
     "signatures",
 ]

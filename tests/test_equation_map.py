@@ -1,4 +1,4 @@
-"""The table at the end of notebook 03: from every equation and figure to a cell and to code.
+"""The table of the page on the paper: from every equation and figure to a cell and to code.
 
 The site runs the cells, which assert what they claim. Here every row leads to a cell and to
 functions.
@@ -17,7 +17,7 @@ import pytest
 from conftest import ROOT
 
 FOLDER = ROOT / "notebooks"
-PLACE = re.compile(r"(\d\d) \[[^]]+\]\((\w+)\.ipynb#([\w-]+)\), `([a-z0-9-]+)`")
+PLACE = re.compile(r"(\d\d) \[[^]]+\]\(\.\./notebooks/(\w+)\.ipynb#([\w-]+)\), `([a-z0-9-]+)`")
 
 
 @dataclass(frozen=True)
@@ -58,11 +58,9 @@ class Row:
 
 
 def table() -> list[Row]:
-    """The lines of the table, which is the last thing in notebook 03."""
-    *_, last = cells_of("03_hybrid_system")
-    assert last.id == "equation-map"
-    lines = [line for line in last.source.splitlines() if line.startswith("| ")]
-    return [Row.of(line) for line in lines[1:]]
+    """The lines of the table."""
+    lines = (ROOT / "templates" / "paper.md.jinja").read_text(encoding="utf-8").splitlines()
+    return [Row.of(line) for line in lines if re.match(r"\| (Eq|Fig)\.", line)]
 
 
 def cells_of(notebook: str) -> list[Any]:

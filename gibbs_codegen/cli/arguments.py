@@ -438,6 +438,12 @@ def _view(parser: Parser) -> None:
     parser.flag("--no-browser", "do not open the browser")
 
 
+@_command("reproduce the paper: its table, equations and figures, with residuals in digits")
+def _paper(parser: Parser) -> None:
+    meaning = "folder to write, which must not exist yet"
+    parser.add("--out", "DIR", meaning, default="paper")
+
+
 @_command("write a commented robot file to start from")
 def _new(parser: Parser) -> None:
     parser.add("file", "ROBOT.toml", "robot file to write, which must not exist yet")

@@ -10,12 +10,12 @@ import sys
 
 from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.files.staging import check_new
 from gibbs_codegen.files.toml import changes_of
 from gibbs_codegen.identification.design import Design, design
 from gibbs_codegen.identification.identify import (
     Identified,
     check_given,
-    check_new,
     identify,
 )
 from gibbs_codegen.runtime.load import load

@@ -91,6 +91,25 @@ def put_in_place(new: Path, place: Path, aside: Path | None = None) -> None:
         raise
 
 
+def check_new(place: str | os.PathLike[str]) -> None:
+    """Raise `UsageError` if a file or folder is there already."""
+    if os.path.lexists(place):
+        raise UsageError(f"{printable(place)}: is there already; choose another name")
+
+
+@contextmanager
+def new_place(place: str | os.PathLike[str]) -> Iterator[Path]:
+    """A path at which to write what then goes to a new place if all went well, or nowhere.
+
+    Raises `UsageError` if something is there already, and `OutputError` where the system refuses.
+    """
+    check_new(place)
+    path = Path(place)
+    with writing(path), staging_folder(path.parent) as staging:
+        yield staging / path.name
+        put_in_place(staging / path.name, path)
+
+
 # Writing a module takes moments.
 _NOTICE_SECONDS = 2.0
 _PATIENCE_SECONDS = 60.0

@@ -15,7 +15,6 @@ import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -23,7 +22,7 @@ import numpy as np
 
 from gibbs_codegen.errors import GibbsCodegenError, ScenarioFileError, UsageError
 from gibbs_codegen.files.shipped import text_of
-from gibbs_codegen.files.staging import put_in_place, staging_folder, writing
+from gibbs_codegen.files.staging import new_place
 from gibbs_codegen.files.toml import merged, nested
 from gibbs_codegen.flight.plant.allocation import commands_all
 from gibbs_codegen.flight.scenario.file import read_scenario
@@ -31,7 +30,6 @@ from gibbs_codegen.flight.simulation import flight_start, simulate
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.identification.identify import (
     Progress,
-    check_new,
     identifiable,
     imus_of,
     model_of,
@@ -109,11 +107,8 @@ class Design:
             UsageError: If it is there already.
             OutputError: If it cannot be written; nothing is left.
         """
-        place = Path(path)
-        check_new(place)
-        with writing(place), staging_folder(place.parent) as staging:
-            (staging / place.name).write_text(self.scenario, encoding="utf-8")
-            put_in_place(staging / place.name, place)
+        with new_place(path) as new:
+            new.write_text(self.scenario, encoding="utf-8")
 
 
 def design(

@@ -11,7 +11,7 @@ from types import ModuleType
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.files.staging import put_in_place, staging_folder, writing
+from gibbs_codegen.files.staging import new_place
 from gibbs_codegen.flight.logs.log import recorded_of
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight, flight_file, read_flight
@@ -101,25 +101,16 @@ class Identified:
             UsageError: If it is there already.
             OutputError: If it cannot be written; nothing is left.
         """
-        place = Path(folder)
-        check_new(place)
         files = {
             "report.txt": self.text(),
             "report.html": html_report(self),
         }
         if self.settled:
             files[f"{self.robot}.toml"] = self.robot_file
-        with writing(place), staging_folder(place.parent) as staging:
-            (staging / place.name).mkdir()
+        with new_place(folder) as new:
+            new.mkdir()
             for name, text in files.items():
-                (staging / place.name / name).write_text(text, encoding="utf-8")
-            put_in_place(staging / place.name, place)
-
-
-def check_new(folder: str | os.PathLike[str]) -> None:
-    """Raise `UsageError` if a folder is there already."""
-    if Path(folder).exists():
-        raise UsageError(f"{printable(folder)}: is there already; give a folder that is not")
+                (new / name).write_text(text, encoding="utf-8")
 
 
 def identify(

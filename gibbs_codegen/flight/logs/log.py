@@ -10,7 +10,7 @@ from types import ModuleType
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, cause_of, near, printable, written
-from gibbs_codegen.files.staging import put_in_place, staging_folder, writing
+from gibbs_codegen.files.staging import new_place
 from gibbs_codegen.flight.arguments import numbers
 from gibbs_codegen.flight.logs.crazyflie import is_crazyflie, read_crazyflie
 from gibbs_codegen.flight.logs.px4 import is_px4, read_px4, write_tables
@@ -45,12 +45,8 @@ def write_log(flight: Flight, folder: StrPath, format: str = "mcap") -> None:
     """
     if format not in FORMATS:
         raise UsageError(f"format {format!r}: unknown; known: {', '.join(FORMATS)}")
-    place = Path(folder)
-    if place.exists():
-        raise UsageError(f"{printable(place)}: is there already; give a folder that is not")
-    with writing(place), staging_folder(place.parent) as staging:
-        FORMATS[format](flight, staging / place.name)
-        put_in_place(staging / place.name, place)
+    with new_place(folder) as new:
+        FORMATS[format](flight, new)
 
 
 def read_log(

@@ -1,0 +1,238 @@
+"""The paper, reproduced: its table, equations, figures and flight on one page, with residuals."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from types import ModuleType
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from gibbs_codegen.equations.pages import as_markdown
+from gibbs_codegen.equations.show import chain_equation
+from gibbs_codegen.figures.chains import chains_figure
+from gibbs_codegen.figures.coupling import coupling_figure, hybrid_pattern_figure
+from gibbs_codegen.figures.machine import machine_figure
+from gibbs_codegen.figures.style import FULL, new_figure, save_figures, style
+from gibbs_codegen.files.staging import new_place
+from gibbs_codegen.files.templating import render
+from gibbs_codegen.flight.figures import curves
+from gibbs_codegen.flight.figures.snapshots import INSTANTS, snapshots
+from gibbs_codegen.flight.record.extent import samples_at
+from gibbs_codegen.flight.record.flight import Flight
+from gibbs_codegen.flight.scenario.file import read_scenario
+from gibbs_codegen.flight.simulation import simulate
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.parts.body import Rod
+from gibbs_codegen.robot.rotations import Array
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.verification.formulation import formulated
+from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.states import States
+from gibbs_codegen.verification.tree import Tree
+
+ROBOT, SCENARIO = "hexarotor_3link", "paper"
+_STEP = 1e-6  # Of central differences, rad and m.
+
+
+@dataclass(frozen=True)
+class Residual:
+    """The largest error of a statement in the flight, its unit, and the size of what it is of."""
+
+    what: str
+    unit: str
+    error: float
+    size: float
+
+    @property
+    def text(self) -> str:
+        """The error with its unit."""
+        return f"{self.error:.1e} {self.unit}" if self.error else f"0 {self.unit}"
+
+    @property
+    def digits(self) -> float:
+        """Digits that agree, at most those of a double."""
+        return float(-np.log10(max(self.error / self.size, np.finfo(float).eps)))
+
+
+def write_paper(
+    folder: str | os.PathLike[str],
+    progress: Callable[[str], None] = lambda step: None,
+    linked: bool = False,
+) -> list[Residual]:
+    """Write the page `index.md`, its figures and `residuals.csv` to a new folder.
+
+    `linked` keeps links to notebooks and other pages, and has figures in paper/, as on the site.
+    Raises `UsageError` if the folder is there already, and `OutputError` if it cannot be written;
+    nothing is left then.
+    """
+    with new_place(folder) as new:
+        new.mkdir()
+        progress("flying the paper's scenario")
+        robot, module = read_robot(ROBOT)[0], load(ROBOT, "c")
+        flight = simulate(module, read_scenario(SCENARIO))
+        errors = path_errors(flight)
+        off = base_arm_angles_off(module, flight)
+        found = residuals(robot, module, flight, errors, off)
+        progress("drawing the figures")
+        figures: dict[str, Callable[[], Figure]] = {
+            "fig_01": lambda: machine_figure(robot),
+            "fig_02": lambda: chains_figure(robot),
+            "fig_06": lambda: coupling_figure(robot),
+            "fig_07_to_09": lambda: hybrid_pattern_figure(robot),
+            "fig_10": lambda: curves.coordinates(flight),
+            "fig_10_residuals": lambda: residual_figure(flight, errors, off),
+            "fig_11": lambda: snapshots(flight),
+        }
+        save_figures(((name, draw()) for name, draw in figures.items()), new)
+        given = context(robot, flight, errors, found) | {"folder": "paper/" if linked else ""}
+        page = render("paper.md.jinja", given)
+        if not linked:
+            page = re.sub(r"(?<!!)\[([^]]+)\]\([^)]+\)", r"\1", page)
+        (new / "index.md").write_text(f"# The paper, reproduced\n\n{page}", encoding="utf-8")
+        with (new / "residuals.csv").open("w", encoding="utf-8", newline="") as file:
+            rows = [(r.what, r.unit, r.error, r.size, r.digits) for r in found]
+            csv.writer(file).writerows([("what", "unit", "error", "size", "digits"), *rows])
+    return found
+
+
+def desired_paths(t: Array) -> tuple[Array, Array]:
+    """Places (s, 3) of the base centre by eq. 20 and of the tip by eq. 21, m, at times (s)."""
+    shrinking = 2.0 * np.exp(-0.05 * t)
+    base = shrinking * np.cos(t), shrinking * np.sin(t), np.exp(0.1 * t)
+    tip = -2.0 * np.cos(np.pi / 2.0 + t), np.full_like(t, -2.0), -2.0 * np.sin(2.0 * t)
+    return np.stack(base, axis=-1), np.stack(tip, axis=-1)
+
+
+def path_errors(flight: Flight) -> dict[str, Array]:
+    """How far (s) base centre and tip are off eqs. 20 and 21, m, and the attitude off its rule.
+
+    Base arm 2 is along the path, and the base normal as near to the vertical as that allows.
+    """
+    x, y, z = np.moveaxis(desired_paths(flight.time)[0], -1, 0)
+    tangent = np.stack([-0.05 * x - y, -0.05 * y + x, 0.1 * z], axis=-1)
+    tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
+    centre, tip = flight.point("O2"), flight.point("tip")
+    arm = flight.point("motor2") - centre
+    across = np.cross(tangent, arm / np.linalg.norm(arm, axis=-1, keepdims=True))
+    aside = np.cross(tangent, (0.0, 0.0, 1.0))
+    normal = flight.base_rotation[:, :, 2]
+    places = zip((centre, tip), desired_paths(flight.time), strict=True)
+    off = [np.linalg.norm(place - wanted, axis=-1) for place, wanted in places]
+    leaning = np.abs(np.sum(normal * aside, axis=-1)) / np.linalg.norm(aside, axis=-1)
+    names = "base centre", "tip", "base arm 2", "base normal"
+    return dict(zip(names, (*off, np.linalg.norm(across, axis=-1), leaning), strict=True))
+
+
+def base_arm_angles_off(module: ModuleType, flight: Flight) -> Array:
+    """How far (s, N-1) θ₂ … θ_N turn by their accelerations in eq. 18, rad, from rest."""
+    right = module.hybrid_residual(flight.q, flight.v)
+    right = right + np.einsum("sij,sj->si", module.hybrid_input_matrix(flight.q), flight.applied)
+    solved = np.linalg.solve(module.hybrid_mass_matrix(flight.q), right[..., None])[..., 0]
+    accelerations = solved[:, _constrained(module)]
+    steps = np.diff(flight.time)[:, None]
+
+    def integrated(rates: Array) -> Array:
+        means = (rates[1:] + rates[:-1]) / 2.0
+        return np.concatenate([np.zeros_like(rates[:1]), np.cumsum(steps * means, axis=0)])
+
+    return integrated(integrated(accelerations))
+
+
+def _constrained(module: ModuleType) -> list[int]:
+    """Places of θ₂ … θ_N among the unknowns of the hybrid system."""
+    free, held = {*module.COORDINATES}, len(module.HYBRID_COORDINATES)
+    names = module.HYBRID_COORDINATES[: (held + len(module.COORDINATES)) // 2]
+    return [place for place, name in enumerate(names) if name not in free]
+
+
+def residuals(
+    robot: Robot, module: ModuleType, flight: Flight, errors: dict[str, Array], off: Array
+) -> list[Residual]:
+    """What the paper says, and how far the flight is off it."""
+    held = _constrained(module)
+    every = np.zeros((len(flight.time), len(module.HYBRID_COORDINATES)))
+    every[:, [module.HYBRID_COORDINATES.index(name) for name in module.COORDINATES]] = flight.a
+    every[:, -len(held) :] = flight.constraint_torques
+    inertia = np.einsum("sij,sj->si", module.hybrid_mass_matrix(flight.q), every)
+    acting = np.einsum("sij,sj->si", module.hybrid_input_matrix(flight.q), flight.applied)
+    left = inertia - module.hybrid_residual(flight.q, flight.v) - acting
+    wrenches = np.zeros((len(flight.time), len(module.FRAMES), 6))
+    states = States(flight.q, flight.v, flight.a, flight.applied, wrenches)
+    balance = formulated(NewtonEuler(Tree(robot))).at(states).inverse_dynamics
+    balance = balance - acting[:, : balance.shape[1]]
+    balance[:, held] -= flight.constraint_torques
+    ways = np.eye(len(module.COORDINATES)) * _STEP
+    ahead, behind = (module.positions(flight.q[::100, None] + s * ways) for s in (1.0, -1.0))
+    moved = (ahead - behind)[:, :, module.POINTS.index("tip")].swapaxes(1, 2) / (2.0 * _STEP)
+    jacobian = module.frame_jacobians(flight.q[::100])[:, module.FRAMES.index("tip"), :3]
+    angles = slice(0, 6)
+    apart, size = np.abs(flight.errors), np.abs(flight.q_desired)
+    reach, forces = np.abs(flight.tip_desired).max(), np.abs(acting).max()
+    rows = [
+        ("Eq. 18, solved by the reduced functions", "N, N m", left, forces),
+        ("Eq. 18 against Newton and Euler, body by body", "N, N m", balance, forces),
+        ("Fig. 3: Jacobian of the tip against differences", "m", jacobian - moved, reach),
+        ("Eq. 20: place of the base centre", "m", errors["base centre"], reach),
+        ("Eq. 21: place of the tip", "m", errors["tip"], reach),
+        ("Base arm 2 along the path", "rad", errors["base arm 2"], 1),
+        ("Base normal as near to Z as that allows", "rad", errors["base normal"], 1),
+        ("Fig. 10 A, C: free angles", "rad", apart[:, angles], size[:, angles].max()),
+        ("Fig. 10 B: constrained angles", "rad", off, np.pi),
+        ("Fig. 10 D: place of O₁", "m", apart[:, 6:], size[:, 6:].max()),
+        ("Energy less work of the inputs", "J", flight.energy_error, np.abs(flight.work).max()),
+    ]
+    return [Residual(what, unit, float(np.abs(x).max()), float(s)) for what, unit, x, s in rows]
+
+
+def residual_figure(flight: Flight, errors: dict[str, Array], off: Array) -> Figure:
+    """Draw panel B of Fig. 10, and errors of paths, m, and of angles, rad, over time."""
+    named = [curves.symbol(f"theta_{k}") for k in range(2, off.shape[1] + 2)]
+    desired = np.broadcast_to(flight.base_arm_angles_desired, off.shape)
+    with style():
+        figure = new_figure(FULL, 2.9)
+        left, middle, right = figure.subplots(1, 3)
+        left.set_title("B", loc="left")
+        shown = curves.Curves("base arms (deg)", named, *np.degrees((desired + off, desired)))
+        curves.plot(left, flight, shown)
+        lengths = {name: errors[name] for name in ("base centre", "tip")}
+        angles = {"base arm 2": errors["base arm 2"], "constrained": np.abs(off).max(axis=1)}
+        for axes, unit, series in ((middle, "m", lengths), (right, "rad", angles)):
+            curves.plot_logarithms(axes, flight, f"error ({unit})", series)
+            curves.add_key(axes)
+        return curves.finished(figure, flight)
+
+
+def _rod(body: Rod) -> str:
+    """Length and mass of a rod, as the robot file has them."""
+    return f"{body.length:g} m, {body.mass_per_length or 0:g} kg/m"
+
+
+def context(
+    robot: Robot, flight: Flight, errors: dict[str, Array], found: list[Residual]
+) -> dict[str, object]:
+    """What the template of the page is given."""
+    every = [robot.base.arm(k) for k in range(1, robot.rotors + 1)], [x.body for x in robot.links]
+    arms, links = ([body for body in bodies if isinstance(body, Rod)] for bodies in every)
+    rods = {tuple(rod.section_inertia) for rod in (*arms, *links) if rod.total_mass > 0.0}
+    samples = samples_at(flight, np.linspace(flight.time[0], flight.time[-1], INSTANTS))
+    equations = [
+        as_markdown(replace(chain_equation(robot, chain, 15), lines=(), closed=True))
+        for chain in (robot.rotors - 1, robot.rotors)
+    ]
+    instants = zip(*(x[samples] for x in (flight.time, *list(errors.values())[:2])), strict=True)
+    return {
+        "base": "; ".join(dict.fromkeys(_rod(arm) for arm in arms)),
+        "links": "; ".join(_rod(link) for link in links),
+        "gravity": f"{robot.gravity:g}",
+        "sections": "; ".join(", ".join(f"{1e8 * x:.4g}" for x in rod) for rod in sorted(rods)),
+        "five": equations[0].partition("**Symbols**")[0].partition("\n")[2].strip(),
+        "six": equations[1].partition("**Symbols**")[0].partition("\n")[2].strip(),
+        "residuals": [(r.what, r.text, f"{r.digits:.1f}") for r in found],
+        "instants": [(f"{t:.2f}", f"{base:.1e}", f"{tip:.1e}") for t, base, tip in instants],
+    }
