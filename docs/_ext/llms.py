@@ -31,7 +31,8 @@ def write_list(app: Sphinx, exception: Exception | None) -> None:
     lines = [f"# {titles[root].astext()}", "", f"> {begins(root)}", "", "## Start and project", ""]
     lines += [line(page) for page in tree[root] if page not in tree]
     for room in (page for page in tree[root] if page in tree):
-        lines += ["", f"## {titles[room].astext()}", "", *map(line, tree[room])]
+        pages = [below for page in tree[room] for below in (page, *tree.get(page, ()))]
+        lines += ["", f"## {titles[room].astext()}", "", *map(line, pages)]
     Path(app.outdir, "llms.txt").write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 
