@@ -75,7 +75,9 @@ def sympy_script(name: str, arguments: Sequence[Any], outputs: Sequence[sp.Expr]
 def panel(name: str, words: str, size: tuple[int, int], drawing: str, least: int = 20) -> str:
     """A picture, its size in units of its own, beside others where these leave `least` rem."""
     width, height = size
-    return f"""<svg viewBox="0 0 {width} {height}" role="img" aria-label="{words}" font-size="15"
+    # What can be moved by the keyboard must be known to who cannot see it.
+    role = "group" if "tabindex" in drawing else "img"
+    return f"""<svg viewBox="0 0 {width} {height}" role="{role}" aria-label="{words}" font-size="15"
  fill="none" stroke-width="2" style="flex:1 1 {least}rem;max-width:100%;min-width:0"><defs><marker
  id="{name}-head" viewBox="0 0 10 10" refX="8" refY="5" markerWidth="5" markerHeight="5"
  orient="auto"><path d="M0 0L10 5L0 10z" fill="context-stroke"/></marker></defs>{drawing}</svg>"""

@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 pytestmark = pytest.mark.slow
-TANGENT, BOWL = "tangent-to-be-moved", "bowl-drawn"
+TANGENT, PENDULUM = "tangent-to-be-moved", "pendulum-to-be-dragged"
 
 
 @pytest.fixture(scope="module")
 def cells() -> dict[str, tuple[Any, dict[str, Any]]]:
     notebook = nbformat.read(ROOT / "notebooks/01_gibbs_function.ipynb", as_version=4)
-    return run_cells(notebook.cells, {TANGENT, BOWL})
+    return run_cells(notebook.cells, {TANGENT, PENDULUM})
 
 
 def numbers(page: Page, key: str, attribute: str = "") -> list[float]:
@@ -77,35 +77,103 @@ def test_particle_and_its_slope_follow_the_sliders(cells: Any, tmp_path: Path) -
         assert (seen.foreign, seen.faults) == ([], [])
 
 
-def test_bars_of_the_bowl_are_what_is_missing_in_eq_4(cells: Any, tmp_path: Path) -> None:
-    _, names = cells[BOWL]
-    motion, torques, joints = names["motion"], names["torques"], names["joints"]
+def test_pendulum_swings_is_dragged_and_has_its_bowl(cells: Any, tmp_path: Path) -> None:
+    """The motion keeps its energy; bowl and bars are those of the posture that is shown."""
+    drawing, names = cells[PENDULUM]
+    module = names["module"]
 
-    def excess(accelerations: Any) -> float:
-        at = names["state"](*accelerations)
-        height = names["module"].gibbs(names["posture"], names["rates"], at)
-        return float(height - torques @ accelerations)
+    def state(seen: Any) -> tuple[Any, Any, float]:
+        data = seen.page.locator("figure").evaluate("one => ({...one.dataset})")
+        return *(np.array(json.loads(data[x])) for x in "qv"), float(data["energy"])
 
-    with open_drawing(cells, BOWL, tmp_path) as seen:
-        for aside in (np.array([15.0, 0.0]), np.zeros(2), np.array([-20.0, 35.0])):
-            still = numbers(seen.page, "said") + numbers(seen.page, "height")[:1]
-            at = motion + aside
-            move(seen.page, *at)
-            needed = names["module"].inverse_dynamics(
-                names["posture"], names["rates"], names["state"](*at)
-            )[joints]
-            shown = numbers(seen.page, "said")
-            assert np.allclose(shown, needed - torques, atol=0.0051)
-            (height,) = numbers(seen.page, "height")
-            assert np.isclose(height, excess(at) - excess(motion), atol=0.051)
-            if aside[0] == 15.0:
-                assert np.allclose(still, [*shown, height], atol=1e-9)
+    def look(seen: Any, point: Any) -> None:
+        move(seen.page, *point)
+        q, v, energy = state(seen)
+        assert np.isclose(energy, module.kinetic_energy(q, v) + module.potential_energy(q))
+        needed = module.inverse_dynamics(q, v, point)
+        shown = [numbers(seen.page, f"by-{k}")[-1] for k in (1, 2)]
+        assert np.allclose(shown, needed, atol=0.0051)
+        # The curve of the bowl, in rad/s², has equal heights above its lowest point.
+        mass, real = module.mass_matrix(q), module.forward_dynamics(q, v, [0.0, 0.0])
+        curve = np.reshape(numbers(seen.page, "bowl", "d"), (6, -1, 2))
+        off = (curve - (200.0, 120.0)) / (1.5, -0.5) - real
+        heights = np.einsum("hki,ij,hkj->hk", off, mass, off) / 2.0
+        assert np.allclose(heights[2:], [[64.0], [256.0], [1024.0], [4096.0]], rtol=0.06)
+        height = numbers(seen.page, "height")[0]
+        assert np.isclose(height, (point - real) @ mass @ (point - real) / 2.0, atol=0.06)
+
+    with open_page(drawing.data, tmp_path) as seen:
+        figure = stood_still(seen)
+        look(seen, (40.0, 0.0))
+        before, _, energy = state(seen)
+        figure.evaluate("one => one.advance(10)")
+        after, _, kept = state(seen)
+        assert np.linalg.norm(after - before) > 0.1
+        assert abs(kept - energy) < 1e-6
+        look(seen, (-20.0, 90.0))
+        box = seen.page.locator(".end").bounding_box()
+        assert box is not None
+        seen.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        seen.page.mouse.down()
+        pivot = seen.page.locator(".rods").evaluate(
+            "one => { const {a, e, f} = one.getScreenCTM(); return [e + 180 * a, f + 130 * a, a]; }"
+        )
+        seen.page.mouse.move(pivot[0] + 80 * pivot[2], pivot[1] - 60 * pivot[2])
+        figure.evaluate("one => one.advance(1)")  # It waits while it is held.
+        q, v, _ = state(seen)
+        assert np.allclose(module.positions(q)[-1, ::2], [80 / 125, 60 / 125], atol=0.01)
+        assert not v.any()
+        look(seen, (0.0, 0.0))
+        seen.page.mouse.up()
+        figure.evaluate("one => one.advance(0.1)")
+        assert state(seen)[1].any()
+        seen.page.locator(".elbow").focus()
+        seen.page.keyboard.press("ArrowLeft")
+        assert not state(seen)[1].any()
         assert (seen.foreign, seen.faults) == ([], [])
 
 
 def open_page(text: str, folder: Path, width: int = 1280) -> Any:
     (folder / "page.html").write_text(f"<!doctype html><meta charset=utf8>{text}", encoding="utf-8")
     return visit((folder / "page.html").as_uri(), width)
+
+
+def test_sweeps_carry_what_newton_and_euler_find_about_centres_of_mass(tmp_path: Path) -> None:
+    """Forces are mass times acceleration of the places that are drawn, by differences."""
+    notebook = nbformat.read(ROOT / "notebooks/02_chains.ipynb", as_version=4)
+    wanted = [c for c in notebook.cells if c.id in ("setup", "two-recursions", "both-sweeps")]
+    drawing, _ = run_cells(wanted, {"both-sweeps"})["both-sweeps"]
+    with open_page(drawing.data, tmp_path) as seen:
+        figure = stood_still(seen)
+
+        def items(time: float) -> Any:
+            move(seen.page, 5.0, time)
+            return np.array(json.loads(str(figure.get_attribute("data-items"))))
+
+        h = 1e-3
+        before, now, after = (items(time) for time in (2.0 - h, 2.0, 2.0 + h))
+        ends = np.array([before, now, after])[:, :, :4].reshape(3, 3, 2, 2)
+        joint, centre = ends[1, :, 0], ends[1].mean(axis=1)
+        at_joint, at_centre = (
+            (x[0] - 2.0 * x[1] + x[2]) / h**2 for x in (ends[:, :, 0], ends.mean(2))
+        )
+        up = np.array([0.0, 9.81])
+        assert np.allclose(now[:, 6:8], at_joint + up, atol=1e-4)
+        assert np.allclose(now[:, 5], (after - before)[:, 4] / (2.0 * h), atol=1e-4)
+        force = 0.4 * (at_centre + up)
+        assert np.allclose(now[:, 8:10], force, atol=1e-4)
+        turn = 0.4 * 0.5**2 / 12.0 * now[:, 5]
+        for k in range(3):
+            assert np.allclose(now[k, 11:], force[k:].sum(axis=0), atol=1e-4)
+            levers = centre[k:] - joint[k]
+            moments = turn[k:] + levers[:, 0] * force[k:, 1] - levers[:, 1] * force[k:, 0]
+            assert np.isclose(now[k, 10], moments.sum(), atol=1e-4)
+        assert seen.page.locator(".said").text_content() == "inwards, joint of rod 1"
+        marked = "all => all.map(one => one.style.background !== '')"
+        assert seen.page.locator(".formula").evaluate_all(marked) == [False] * 3 + [True] * 3
+        figure.evaluate("one => one.advance(3)")
+        assert seen.page.locator(".formula").evaluate_all(marked) == [True] * 3 + [False] * 3
+        assert (seen.foreign, seen.faults) == ([], [])
 
 
 def stood_still(seen: Any) -> Any:
