@@ -178,7 +178,7 @@ def test_c_program_with_derivatives(tmp_path: Path) -> None:
 
 
 def test_files_in_toml_are_accepted() -> None:
-    files = ["reference/robot-file", "reference/scenario-file"]
+    files = [f"reference/{page}" for page in ("equations", "robot-file", "scenario-file")]
     touching = ["howto/force-control", "howto/walls"]
     loads = ["howto/observers"]
     filtered = ["howto/estimate"]

@@ -93,10 +93,9 @@ def hummingbird() -> Oracle:
     return Oracle()
 
 
-@pytest.mark.parametrize("air", ["still", "air"])
-def test_accelerations_are_those_of_rotorpy(air: str, hummingbird: Oracle) -> None:
-    """Of the body and of the rotors."""
-    told = hummingbird.told
+def beside_rotorpy(air: str, hummingbird: Oracle) -> tuple[Array, Array]:
+    """Accelerations of the body and rates of the rotors' speeds of all states: here and there."""
+    told, both = hummingbird.told, []
     pairs = zip(told["states"], told["commands"], told[air]["rates"], strict=True)
     for state, command, rates in pairs:
         q, v, x = hummingbird.state(state)
@@ -104,15 +103,20 @@ def test_accelerations_are_those_of_rotorpy(air: str, hummingbird: Oracle) -> No
         a = hummingbird.accelerations(q, v, x, np.array(command), wind)
         turn = Rotation.from_quat(state["q"])
         linear = turn.apply(a[:3] + np.cross(v[3:], v[:3]))
-        found = np.concatenate([linear, a[3:]])
-        expected = np.concatenate([rates[3:6], rates[10:13]])
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
         lag = hummingbird.module.actuator_rates(x, np.array(command))
-        np.testing.assert_allclose(lag, rates[16:], rtol=1e-9)
+        both.append(([*linear, *a[3:], *lag], [*rates[3:6], *rates[10:13], *rates[16:]]))
+    found, expected = np.moveaxis(np.array(both), 1, 0)
+    return found, expected
 
 
-@pytest.mark.parametrize("air", ["still", pytest.param("air", marks=pytest.mark.slow)])
-def test_a_flight_is_that_of_rotorpy(air: str, hummingbird: Oracle) -> None:
+@pytest.mark.parametrize("air", ["still", "air"])
+def test_accelerations_are_those_of_rotorpy(air: str, hummingbird: Oracle) -> None:
+    np.testing.assert_allclose(*beside_rotorpy(air, hummingbird), rtol=1e-9, atol=1e-9)
+
+
+def flown_beside_rotorpy(air: str, hummingbird: Oracle) -> tuple[Array, Array]:
+    """States at the ends of the pieces of a flight: here and there."""
+    both = []
     told, module = hummingbird.told, hummingbird.module
     wind = np.zeros(3) if air == "air" else None
     now = np.concatenate(hummingbird.state(told["start"]))
@@ -126,12 +130,21 @@ def test_a_flight_is_that_of_rotorpy(air: str, hummingbird: Oracle) -> None:
             return np.concatenate(moved)
 
         now = solve_ivp(rates, (0.0, told["length"]), now, **TIGHT).y[:, -1]
-        expected = np.concatenate(hummingbird.state(after))
-        np.testing.assert_allclose(now, expected, rtol=1e-6, atol=1e-6)
+        both.append((now, np.concatenate(hummingbird.state(after))))
+    found, expected = np.moveaxis(np.array(both), 1, 0)
+    return found, expected
 
 
-def test_accelerations_are_those_of_drone_models() -> None:
-    """With the torque that goes with the thrust; else but for what its curve adds about z."""
+@pytest.mark.parametrize("air", ["still", pytest.param("air", marks=pytest.mark.slow)])
+def test_a_flight_is_that_of_rotorpy(air: str, hummingbird: Oracle) -> None:
+    np.testing.assert_allclose(*flown_beside_rotorpy(air, hummingbird), rtol=1e-6, atol=1e-6)
+
+
+def beside_drone_models() -> tuple[tuple[Array, Array], tuple[Array, Array], int]:
+    """Accelerations with the torque that goes with the thrust, and with its curve: here and there.
+
+    And how many rotors sped up, whose lags are compared.
+    """
     told = json.loads((ORACLES / "drone_models.json").read_text(encoding="utf-8"))
     own = {name: np.array(value) for name, value in told["parameters"].items()}
     per = 60.0 / (2.0 * np.pi)  # Turns a minute of a radian a second.
@@ -145,7 +158,7 @@ def test_accelerations_are_those_of_drone_models() -> None:
         *(told[name] for name in ("states", "speeds", "commands", "proportional", "published")),
         strict=True,
     )
-    sped_up = 0
+    sped_up, proportional, curved = 0, [], []
     for (position, attitude, velocity, spin), *others in every:
         speeds, commands = (np.array(x) / per for x in others[:2])
         turn = Rotation.from_quat(attitude)
@@ -153,18 +166,27 @@ def test_accelerations_are_those_of_drone_models() -> None:
         a = module.forward_dynamics(q, v, module.inputs_of(q, v, speeds, commands))
         linear = turn.apply(a[:3] + np.cross(v[3:], v[:3]))
         turning, published = (np.array(x[1]) for x in others[2:])
-        np.testing.assert_allclose(linear, others[2][0], rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(a[3:], turning, rtol=1e-9, atol=1e-9)
+        proportional.append(([*linear, *a[3:]], [*others[2][0], *turning]))
         rpm = np.array(others[0])
         torques = np.polynomial.polynomial.polyval(rpm, own["rpm2torque"])
         thrusts = np.polynomial.polynomial.polyval(rpm, own["rpm2thrust"])
         more = np.zeros(3)
         more[2] = yaw @ (torques - own["thrust2torque"] * thrusts) / own["J"][2, 2]
-        np.testing.assert_allclose(a[3:] + more, published, rtol=1e-9, atol=1e-9)
+        curved.append((a[3:] + more, published))
         up = commands > speeds
         sped_up += int(up.sum())
         lag = module.actuator_rates(speeds, commands)[up]
         np.testing.assert_allclose(lag, np.array(others[2][2])[up] / per, rtol=1e-9)
+    pairs = (np.moveaxis(np.array(both), 1, 0) for both in (proportional, curved))
+    first, second = ((found, there) for found, there in pairs)
+    return first, second, sped_up
+
+
+def test_accelerations_are_those_of_drone_models() -> None:
+    """With the torque that goes with the thrust; else but for what its curve adds about z."""
+    *pairs, sped_up = beside_drone_models()
+    for found, there in pairs:
+        np.testing.assert_allclose(found, there, rtol=1e-9, atol=1e-9)
     assert sped_up > 10
 
 
