@@ -5,7 +5,7 @@ so that a slow moment of the machine hits all alike; rows are medians over the r
 are to the imports of NumPy, SciPy and Matplotlib in the same round. What is first has an empty
 cache of compiled libraries. `--beside` runs the same commands of another checkout in turn with
 these. `--scenarios` times flights of the robots that ship instead, under every scenario that ships
-and that they can fly. `--page` writes the table to docs/explanation/waiting-times.md.
+and that they can fly. `--page` writes the table to benchmarks/waiting_times.md.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from gibbs_codegen.robot.file import shipped_robots  # noqa: E402
 from gibbs_codegen.robot.text import robot_text  # noqa: E402
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "explanation" / "waiting-times.md"
+PAGE = Path(__file__).with_suffix(".md")
 # What stands for the interpreter of a checkout in commands.
 PYTHON = "python"
 COMMAND = [PYTHON, "-m", "gibbs_codegen"]

@@ -9,7 +9,7 @@ import tomllib
 import pytest
 from conftest import ROOT
 
-PAGE = (ROOT / "docs" / "guarantees.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "GUARANTEES.md").read_text(encoding="utf-8")
 TESTS = tomllib.loads((ROOT / "tests" / "guarantees.toml").read_text(encoding="utf-8"))
 
 

@@ -20,10 +20,11 @@ PLACES = {
     "notebooks/": "docs/notebooks/",
     "CHANGELOG.md": "docs/project/changelog.md",
     "CONTRIBUTING.md": "docs/project/contributing.md",
+    "GUARANTEES.md": "docs/project/guarantees.md",
     "README.md": "docs/index.md",
     "SECURITY.md": "docs/project/security.md",
 }
-COPIED = [*sorted((ROOT / "notebooks").glob("*.ipynb")), *ROOT.glob("[CS]*.md")]
+COPIED = [*sorted((ROOT / "notebooks").glob("*.ipynb")), *ROOT.glob("[CGS]*.md")]
 LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)\s#]+)")
 
 
