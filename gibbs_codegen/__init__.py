@@ -76,6 +76,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.flight.sweeps.study import Study as Study
     from gibbs_codegen.flight.sweeps.study import read_study as read_study
     from gibbs_codegen.flight.sweeps.sweep import sweep as sweep
+    from gibbs_codegen.flight.viewer.fly import fly_html as fly_html
     from gibbs_codegen.flight.viewer.view import view as view
     from gibbs_codegen.flight.viewer.view import view_html as view_html
     from gibbs_codegen.identification.design import Design as Design
@@ -130,6 +131,7 @@ _MODULES = {
     "flight.sweeps.cases": ("log_uniform", "normal", "scaled", "together", "uniform"),
     "flight.sweeps.study": ("Study", "read_study"),
     "flight.sweeps.sweep": ("sweep",),
+    "flight.viewer.fly": ("fly_html",),
     "flight.viewer.view": ("view", "view_html"),
     "machine.observers": ("momentum_observer",),
     "identification.design": ("Design", "design"),

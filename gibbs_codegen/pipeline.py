@@ -42,6 +42,7 @@ from gibbs_codegen.robot.posture import closed_loops
 from gibbs_codegen.runtime.c_library import announced
 from gibbs_codegen.targets import registry
 from gibbs_codegen.targets.c.laws import check_laws
+from gibbs_codegen.targets.c.laws import tracking_law as tracking_law
 from gibbs_codegen.verification.verify import refuse_wrong
 
 StrPath = str | os.PathLike[str]

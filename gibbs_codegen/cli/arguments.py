@@ -107,8 +107,8 @@ def _add_choice(parser: Parser, meaning: str) -> None:
 def add_kept(parser: Parser) -> None:
     """Add the options that choose what is generated, which a module keeps."""
     targets = (
-        "numpy, c, rollout, which needs c, cuda, matlab, or fmu; fmu:walls,drag names what acts in "
-        "it"
+        "numpy, c, rollout, which needs c, cuda, matlab, fmu, or web; fmu:walls,drag names what "
+        "acts in it"
     )
     meaning = f"a target to emit: {targets}; may be repeated (default: numpy and c)"
     parser.add("--target", "TARGET", meaning, action="append")
@@ -442,6 +442,12 @@ def _view(parser: Parser) -> None:
 def _paper(parser: Parser) -> None:
     meaning = "folder to write, which must not exist yet"
     parser.add("--out", "DIR", meaning, default="paper")
+
+
+@_command("write one page on which a robot flies in any browser, by its own emitted C and law")
+def _fly(parser: Parser) -> None:
+    parser.add("robot", "ROBOT", _PLACES)
+    parser.add("--html", "FILE", "page to write (default: ROBOT.html)")
 
 
 @_command("write a commented robot file to start from")

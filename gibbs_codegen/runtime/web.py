@@ -36,9 +36,9 @@ from gibbs_codegen.runtime.cache import CacheError, cached_library
 from gibbs_codegen.runtime.loaded_module import require_functions
 
 TEMPLATE = "web_module.mjs.jinja"
-# Without a C library; what nobody calls is left out.
+# Without a C library, and short; what nobody calls is left out.
 _FLAGS = (
-    *("-std=gnu11", "-O2", "-DNDEBUG", "-fno-math-errno", "-ffp-contract=off", "-mbulk-memory"),
+    *("-std=gnu11", "-Os", "-DNDEBUG", "-fno-math-errno", "-ffp-contract=off", "-mbulk-memory"),
     *("-ffunction-sections", "-w", "-nostdlib", "-Wl,--no-entry", "-Wl,--allow-undefined"),
     *("-Wl,--strip-all", "-Wl,--gc-sections", "-Wl,-z,stack-size=131072"),
 )
@@ -75,7 +75,7 @@ def web_assembly(
     if not laws:  # They call functions that nobody names.
         parts = {part for x in chosen for part in (x, *FUNCTIONS[x].composed)}
         texts[f"{name}.c"] = some_functions(texts[f"{name}.c"], parts)
-    return assembled(name, texts, [*chosen, *_with_rotors(laws)])
+    return assembled(name, texts, [*chosen, *with_rotors(laws)])
 
 
 def web_script(
@@ -139,8 +139,9 @@ def script_context(
     structures = rf"typedef struct \{{\n(.*?)\n\}} {name}_(\w+);"
     for members, structure in re.findall(structures, headers, re.DOTALL):
         arrays[structure] = {part: int(size or 1) for part, size in _MEMBER.findall(members)}
-    for law in _with_rotors(laws):
-        functions[law] = _parameters(headers, f"{name}_{law}")
+    for law in with_rotors(laws):  # Where there are none, nothing is known of rotors.
+        if found := re.search(rf"\bvoid {name}_{law}\(([^)]*)\);", headers):
+            functions[law] = [*map(_parameter, found[1].split(",")[1:])]
     entries = [sum(size.values()) if isinstance(size, dict) else size for size in arrays.values()]
     results = [x[1] or 0 for y in functions.values() for x in y if isinstance(x, list)]
     return {
@@ -154,20 +155,17 @@ def script_context(
     }
 
 
-def _with_rotors(laws: Sequence[str]) -> list[str]:
+def with_rotors(laws: Sequence[str]) -> list[str]:
     """Names of the functions of laws."""
     return [*laws, *["init_rotors"] * bool(laws)]
 
 
-def _parameters(headers: str, function: str) -> list[Any]:
-    """Parameters of a function of laws, after the constants."""
-    found = re.search(rf"\bvoid {function}\(([^)]*)\);", headers)
-    assert found  # noqa: S101 - the linker found it
-    words = [parameter.split() for parameter in found[1].split(",")[1:]]
-    return [
-        (name[1:] if first == "const" else [name[1:], None]) if name[0] == "*" else f"={name}"
-        for first, *_, name in words
-    ]
+def _parameter(declared: str) -> Any:
+    """A parameter of a function of laws, as C declares it."""
+    first, *_, name = declared.split()
+    if name[0] != "*":
+        return f"={name}"
+    return name[1:] if first == "const" else [name[1:], None]
 
 
 def assembled(name: str, texts: Mapping[str, bytes], functions: Sequence[str]) -> bytes:
@@ -176,14 +174,14 @@ def assembled(name: str, texts: Mapping[str, bytes], functions: Sequence[str]) -
     `texts` are by file names. Raises `UsageError` where no compiler makes it.
     """
     command = [*compiler(), *_FLAGS, "-I", str(NATIVE / "web"), f"-D{name.upper()}_SINGLY"]
-    symbols = [*functions, "init_constants", "default_constants", "default_parameters"]
-    exported = ["__heap_base", *(f"{name}_{symbol}" for symbol in symbols)]
+    symbols = ["init_constants", "default_constants", "default_parameters", *functions]
+    exported = [f"{name}_{symbol}" for symbol in symbols]
 
     def make(output: Path) -> None:
         what = f"{name}: compiling it to WebAssembly, to be kept for the next time"
         with written(texts, output) as files, announced(what):
             sources = map(str, files)
-            exports = (f"-Wl,--export={symbol}" for symbol in exported)
+            exports = (f"-Wl,--export-if-defined={x}" for x in ("__heap_base", *exported))
             compile_file([*command, *exports, *sources, "-o", str(output)], output, command[0])
 
     key = "\n".join([*command, *exported, *(f"{x}\n{y.decode()}" for x, y in texts.items())])

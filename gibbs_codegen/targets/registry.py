@@ -21,6 +21,8 @@ from gibbs_codegen.program.choice import Functions, chosen_functions
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.runtime.c_library import RUNTIME
 from gibbs_codegen.runtime.rollout_source import TEMPLATES as ROLLOUT_TEMPLATES
+from gibbs_codegen.runtime.web import TEMPLATE as WEB_TEMPLATE
+from gibbs_codegen.targets import web as web_target
 from gibbs_codegen.targets.c import target as c_target
 from gibbs_codegen.targets.c.laws import calls, law_files
 from gibbs_codegen.targets.cuda import target as cuda_target
@@ -68,6 +70,13 @@ class Target:
     calls: tuple[str, ...] = ()
 
 
+_C_FILES = {
+    "c_header.h.jinja": "{name}.h",
+    "c_source.c.jinja": "{name}.c",
+    "c_batch.c.jinja": "{name}_batch.c",
+    "c_each.c.jinja": "{name}_each.c",
+    "c_runtime.h.jinja": RUNTIME,
+}
 TARGETS: dict[str, Target] = {
     "numpy": Target(
         InfixPrinter(),
@@ -77,13 +86,7 @@ TARGETS: dict[str, Target] = {
     "c": Target(
         CPrinter(),
         _shared(c_target.module_text),
-        {
-            "c_header.h.jinja": "{name}.h",
-            "c_source.c.jinja": "{name}.c",
-            "c_batch.c.jinja": "{name}_batch.c",
-            "c_each.c.jinja": "{name}_each.c",
-            "c_runtime.h.jinja": RUNTIME,
-        },
+        _C_FILES,
     ),
     "rollout": Target(
         CPrinter(),
@@ -111,6 +114,13 @@ TARGETS: dict[str, Target] = {
         by_default=False,
         archives=fmu_target.archives,
         calls=fmu_target.called(),
+    ),
+    "web": Target(
+        CPrinter(),
+        web_target.contexts,
+        {**_C_FILES, WEB_TEMPLATE: "{name}.mjs"},
+        by_default=False,
+        archives=web_target.archives,
     ),
 }
 # What needs no files of its own, and how it comes.

@@ -25,7 +25,7 @@ class Visit:
     foreign: list[str] = field(default_factory=list)
     """Addresses of other machines that the page asked for, none of which it got."""
     faults: list[str] = field(default_factory=list)
-    """Exceptions of scripts that nothing caught."""
+    """Exceptions of scripts that nothing caught, and errors in the console."""
 
 
 @contextmanager
@@ -52,6 +52,7 @@ def visit(address: str, width: int = 1280, height: int = 800) -> Iterator[Visit]
 
             page.route("**/*", pass_or_block)
             page.on("pageerror", lambda error: seen.faults.append(str(error)))
+            page.on("console", lambda x: seen.faults.append(x.text) if x.type == "error" else None)
             page.goto(address)
             yield seen
         finally:

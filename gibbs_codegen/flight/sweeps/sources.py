@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import tempfile
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -29,6 +31,7 @@ from gibbs_codegen.flight.scenario.file import (
     read_scenario,
 )
 from gibbs_codegen.flight.scenario.scenario import Scenario
+from gibbs_codegen.runtime.c_library import announced
 from gibbs_codegen.runtime.load import find_module, load
 from gibbs_codegen.version import __version__
 
@@ -257,3 +260,32 @@ def robot_source(
         raise UsageError(f"{printable(folder)}: cannot be read: {cause_of(error)}") from None
     has_tip = "tip" in module.POINTS
     return RobotSource(word, folder, digests.hexdigest(), module.PARAMETERS, has_tip)
+
+
+@contextmanager
+def flown_module(word: str, functions: Sequence[str]) -> Iterator[tuple[ModuleType, str | None]]:
+    """The module of a robot with the law that leads it, generated in a folder that goes afterwards.
+
+    `word` is a robot file, the name of a robot that ships, or the folder of a module. The functions
+    are those by default and others. Without such a law there is None, and derivatives instead.
+    Raises as `generate` does.
+    """
+    from gibbs_codegen.pipeline import generate_robot, tracking_law  # Late, as they import SymPy.
+    from gibbs_codegen.robot.file import read_robot
+
+    files = (
+        os.path.join(folder, "robot.toml") for folder in (word, os.path.join("generated", word))
+    )
+    read, text = read_robot(next(filter(os.path.isfile, files), word))
+    law = tracking_law(read)
+    laws, derivatives = ((law,), ()) if law else ((), ("forward_dynamics_derivatives",))
+    with tempfile.TemporaryDirectory() as out:
+        with announced(f"{read.name}: deriving its equations"):
+            _, folder = generate_robot(
+                *(read, text, out),
+                verify=False,
+                derivatives=derivatives,
+                functions=("default", *functions),
+                laws=laws,
+            )
+        yield load(folder), law

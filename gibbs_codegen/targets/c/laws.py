@@ -82,9 +82,20 @@ def check_laws(laws: str | Sequence[str], targets: Sequence[str]) -> tuple[str, 
         if law not in calls():
             choices = ", ".join(calls())
             raise UsageError(f"--laws {printable(law)}: unknown; known laws: {choices}")
-    if laws and "c" not in targets:
+    if laws and not {"c", "web"}.intersection(targets):
         raise UsageError("--laws: laws are written in C, beside the target c; add --target c")
     return tuple(law for law in calls() if law in laws)
+
+
+def tracking_law(robot: Robot) -> str | None:
+    """The law that leads a robot along a motion; None where its rotors serve none."""
+    for law in (name for name, row in LAWS.items() if row.task == "tracking" and not row.calls):
+        try:
+            _check(robot, law, ())
+        except UsageError:
+            continue
+        return law
+    return None
 
 
 def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:

@@ -1,0 +1,233 @@
+"""A page on which a robot flies by its own emitted C and law, and is dragged, pulled and loaded."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import os
+import re
+from collections.abc import Sequence
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.figures.appearance import disc_radius
+from gibbs_codegen.files.templating import render
+from gibbs_codegen.flight.analysis.linear_model import lqr
+from gibbs_codegen.flight.analysis.trim import trim
+from gibbs_codegen.flight.record.series import Array
+from gibbs_codegen.flight.sweeps.sources import flown_module
+from gibbs_codegen.flight.viewer.machine import DrawnMachine
+from gibbs_codegen.flight.viewer.page import ViewPage
+from gibbs_codegen.machine.laws import LAWS
+from gibbs_codegen.runtime.web import web_assembly, web_script
+
+# What the page calls.
+FUNCTIONS = (
+    *("integrate", "difference", "forward_dynamics_with_wrenches", "positions", "frame_poses"),
+    "joint_wrenches_with_wrenches",
+)
+_OF_LEANING = ("centre_of_mass", "centre_of_mass_jacobian")
+# Stiffness, 1/s², and damping, 1/s, of attitude, position and joints: of a base that leans, of one
+# that need not, and of one that is held.
+_LEANING = ((100.0, 20.0), (4.0, 4.0), (64.0, 16.0))
+_FULL = ((36.0, 12.0), (9.0, 6.0), (36.0, 12.0))
+# How fast the reference follows what is dragged, 1/s, and how far joints and attitudes go, rad.
+_RATE, _TURN, _LEAN = 3.0, 2.6, 0.5
+# Period of the law on the page, s.
+_PERIOD = 1e-3
+# Share of the mass below which a body has no slider; how many have one.
+_LIGHT, _SLIDERS = 0.01, 6
+
+
+def fly_html(robot: ModuleType | str | os.PathLike[str]) -> ViewPage:
+    """Make a page on which visitors fly a robot, in any browser, without a request.
+
+    The robot moves by its own emitted C, as WebAssembly, under the law of control that its rotors
+    and joints serve, emitted too, or else under the regulator of `lqr` about hover. Motors lag as
+    the robot file says; other actuators are without delay, and nothing is touched.
+
+    Args:
+        robot: A generated module, its folder, the name of a robot that ships, or a robot file.
+
+    Returns:
+        The page, of about 100 kB. In a notebook it shows itself; `save` writes it to a file.
+
+    Raises:
+        UsageError: There is no such robot, no compiler for WebAssembly, or nothing leads the robot.
+    """
+    word = robot.__path__[0] if isinstance(robot, ModuleType) else os.fspath(robot)
+    with flown_module(word, (*FUNCTIONS, *_OF_LEANING)) as (module, law):
+        machine = DrawnMachine(module)
+        described = _described(machine, law)
+        laws = [law] if law else []
+        functions = [*FUNCTIONS, *(_OF_LEANING if law and LAWS[law].leans else ())]
+        assembly = web_assembly(module, functions, laws)
+        script = web_script(module, functions, laws).replace("export async", "async")
+        title, words = module.NAME, LAWS[law].title if law else "the regulator of lqr about hover"
+        text = render(
+            "fly.html.jinja",
+            {
+                "title": title,
+                "law": f"{words[0].upper()}{words[1:]}, 1000 times a second.",
+                "script": script,
+                "robot": json.dumps(described, separators=(",", ":"), default=_plain),
+                "wasm": base64.b64encode(gzip.compress(assembly, 9, mtime=0)).decode(),
+            },
+        )
+    return ViewPage(title, text)
+
+
+def _described(machine: DrawnMachine, law: str | None) -> dict[str, Any]:
+    """What the script has to know of a robot: sizes, places, gains, limits, and what is drawn."""
+    vehicle, module = machine.vehicle, machine.module
+    layout, names, inputs = vehicle.layout, module.COORDINATES, vehicle.inputs
+    held = _regulator(machine) if law is None else {"start": machine.coordinates(machine.start())}
+    q = held["start"]
+    points, frames, hover = vehicle.positions(q), vehicle.frame_poses(q), machine.hover(q)
+    centre, rotors = vehicle.points.index(vehicle.centre), vehicle.rotors
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    size = float(np.linalg.norm(points - middle, axis=1).max()) or 1.0
+    weight = float(np.nan_to_num(vehicle.weight))
+    floor = float(points[:, 2].min() - 0.7 * size * (rotors > 0))
+    room = 60.0 * float(np.abs(hover).max()) or 1e3
+    least, most = (np.nan_to_num(x, posinf=room, neginf=-room) for x in machine.input_limits)
+    units = np.array(vehicle.input_units)
+    usual = {unit: 2.0 * float(np.abs(hover[units == unit]).max()) or 1.0 for unit in units}
+    first = centre + 1 + rotors
+    moving = [*range(first, first + vehicle.joints)]
+    links = [(a, k) for k, a in enumerate(machine.parents) if a >= 0]
+    wheels = [vehicle.points.index(name) for name in vehicle.wheel_points]
+    return {
+        "law": law,
+        "u": inputs,
+        "units": vehicle.input_units,
+        "parameters": [*module.PARAMETERS.values()],
+        "hover": hover,
+        "least": least,
+        "most": most,
+        "full": [usual[unit] for unit in units],
+        "lags": [vehicle.description("TIME_CONSTANTS").get(name, 0.0) for name in inputs],
+        "rate": _RATE,
+        "drive": layout.has_drive,
+        "position": [("xyz".index(names[i]), i) for i in _range(layout.q.position, names)],
+        **_controls(machine, bool(law and LAWS[law].leans)),
+        **_gains(machine, law),
+        **held,
+        "masses": _masses(module),
+        **_joints(machine, q, hover, 0.05 * weight * size),
+        "frames": vehicle.frames,
+        "centre": centre,
+        "rods": [(a, k, moving.index(a) if a in moving else -1) for a, k in links],
+        "moving": moving,
+        "rotors": [*range(centre + 1, first)],
+        **_rotors(machine, q, points, frames, size),
+        "wheels": [(k, 0, (0.0, 1.0, 0.0), points[k, 2] - floor) for k in wheels],
+        "thrust": float(np.abs(hover[:rotors]).max(initial=1e-9)),
+        "spring": 0.6 * weight / size,
+        "size": size,
+        "focus": middle,
+        "offset": middle - points[centre],
+        "floor": floor,
+        "cell": 0.5 * 2.0 ** np.round(np.log2(size)),
+        "thin": 0.022 * size,
+        "thick": 0.045 * size,
+    }
+
+
+def _range(places: slice, whole: Sequence[Any]) -> range:
+    return range(len(whole))[places]
+
+
+def _controls(machine: DrawnMachine, leans: bool) -> dict[str, Any]:
+    """Sliders, and handles that are dragged: −1 for the base, and numbers of frames."""
+    vehicle, layout = machine.vehicle, machine.vehicle.layout
+    names, q = layout.q.names, machine.coordinates(machine.start())
+    rates, places = _range(layout.v.joints, layout.v.names), _range(layout.q.joints, names)
+    sliders, arm = [], []
+    for i, place, low, high in zip(rates, places, *machine.joint_limits, strict=True):
+        room = _TURN if layout.q.units[place] == "rad" else 1.0
+        ends = max(low, -room), min(high, room)
+        arm.append((i, place, *ends))
+        sliders.append((place, names[place], layout.q.units[place], *ends))
+    attitude = _range(layout.q.attitude, names)
+    if not leans and not layout.is_quaternion:
+        sliders += [(i, names[i], "rad", -_LEAN, _LEAN) for i in attitude]
+    levers = vehicle.frame_jacobians(q)[:, :3, layout.v.joints]
+    moved = [k for k in range(1, len(levers)) if np.abs(levers[k]).max(initial=0.0) > 1e-6]
+    tips = [k for k in moved if vehicle.frames[k] == "tip"] or moved
+    return {
+        "sliders": sliders,
+        "turns": ([2] if leans else [0, 1, 2]) if layout.is_quaternion else [],
+        "most_turn": (_LEAN, _LEAN, _TURN),
+        "quaternion": attitude.start,
+        "arm": arm,
+        "handles": [*[-1] * bool(_range(layout.q.position, names)), *tips[:2]],
+    }
+
+
+def _gains(machine: DrawnMachine, law: str | None) -> dict[str, Any]:
+    """Gains of a law, in the places of the velocities."""
+    layout = machine.vehicle.layout.v
+    stiffness, damping = np.zeros((2, layout.size))
+    parts = _LEANING if law and LAWS[law].leans else _FULL
+    for part, (k, d) in zip(("attitude", "position", "joints"), parts, strict=True):
+        stiffness[getattr(layout, part)], damping[getattr(layout, part)] = k, d
+    return {"stiffness": stiffness, "damping": damping}
+
+
+def _regulator(machine: DrawnMachine) -> dict[str, Any]:
+    """Gain (nu, 2 nv) about hover, and the coordinates there. Raises `UsageError` without one."""
+    hover = trim(machine.module)
+    sizes = np.maximum(np.abs(hover.u), 0.1 * np.abs(hover.u).max()) + 1e-3
+    weights = np.repeat([10.0, 1.0], machine.vehicle.layout.v.size)
+    gain = lqr(machine.module, hover, Q=weights, R=sizes**-2, dt=_PERIOD).gain
+    return {"start": hover.q, "gain": gain}
+
+
+def _masses(module: ModuleType) -> list[tuple[str, list[int]]]:
+    """Bodies whose masses have a slider, the heaviest, with the places of masses and inertias."""
+    matches = {name: re.fullmatch(r"(.+)_mass(?:_per_length)?", name) for name in module.PARAMETERS}
+    found = {match[1]: module.PARAMETERS[name] for name, match in matches.items() if match}
+    chosen = sorted(found, key=lambda body: -found[body])[:_SLIDERS]
+    heavy = [x for x in found if x in chosen and found[x] > _LIGHT * sum(found.values())]
+    scaled = {body: re.compile(rf"{body}_(.+_)?(mass|inertia)") for body in heavy}
+    return [(body, [k for k, x in enumerate(matches) if scaled[body].match(x)]) for body in heavy]
+
+
+def _joints(machine: DrawnMachine, q: Array, hover: Array, least: float) -> dict[str, Any]:
+    """Joints with the body that each moves and the unit of its effort, and what is a large load."""
+    vehicle, bodies = machine.vehicle, list(machine.module.BODIES)
+    names, units = vehicle.joint_names, vehicle.layout.effort_units
+    joints = [
+        (name, bodies.index(name) if name in bodies else len(bodies) - len(names) + k, unit)
+        for k, (name, unit) in enumerate(zip(names, units, strict=False))
+    ]
+    still, none = np.zeros(vehicle.layout.v.size), np.zeros((len(vehicle.frames), 6))
+    loads = vehicle.joint_wrenches_with_wrenches(q, still, still, hover, none).reshape(-1, 2, 3)
+    sizes = np.linalg.norm(loads, axis=2)
+    effort = [max(1.5 * sizes[body, int(unit == "N m")], least) for _, body, unit in joints]
+    return {"joints": joints, "effort": effort}
+
+
+def _rotors(
+    machine: DrawnMachine, q: Array, points: Array, frames: Array, size: float
+) -> dict[str, Any]:
+    """Discs of rotors: their radius, the frames that they move with, and directions in these."""
+    vehicle, centre = machine.vehicle, machine.vehicle.points.index(machine.vehicle.centre)
+    seats = np.arange(centre + 1, centre + 1 + vehicle.rotors)
+    first = len(vehicle.points) - len(vehicle.frames)
+    carriers = [centre, *(vehicle.carriers[first + k] for k in range(1, len(vehicle.frames)))]
+    moved = [carriers.index(k) if k in carriers else 0 for k in vehicle.carriers[seats]]
+    directions = machine.directions(q)
+    spokes = np.linalg.norm(points[seats] - points[np.array(machine.parents)[seats]], axis=1)
+    radius = disc_radius(points[seats], directions, spokes) if len(seats) else 0.0
+    turned = [frames[f][:3, :3].T @ d for f, d in zip(moved, directions, strict=True)]
+    return {"carriers": moved, "directions": turned, "radius": min(radius, 0.4 * size)}
+
+
+def _plain(value: Any) -> Any:
+    """Arrays and numbers of NumPy, as JSON has them."""
+    return value.tolist()

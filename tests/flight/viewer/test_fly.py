@@ -1,0 +1,129 @@
+"""The page on which a robot flies, in Chromium: it is dragged, loaded and touched."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from support.browser import Visit, visit
+from support.tools import missing
+
+from gibbs_codegen import load
+from gibbs_codegen.cli.app import main
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.viewer.fly import fly_html
+from gibbs_codegen.runtime import web
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+pytestmark = pytest.mark.slow
+ROBOT = "quadrotor_arm_2link"
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    try:
+        web.compiler()
+    except UsageError as error:
+        missing(str(error))
+    place = tmp_path_factory.mktemp("page") / "robot.html"
+    assert main(["fly", ROBOT, "--html", str(place)]) == 0
+    return place
+
+
+def away(page: Page, seconds: float = 9.0) -> list[float]:
+    """How far each handle is from its target after a time, m; the clock is the flight's."""
+    found: list[float] = page.evaluate(
+        """(steps) => {
+          flight.advance(steps); flight.look();
+          const off = (k) => flight.handle(k).map((x, i) => x - flight.ghost(k)[i]);
+          return flight.R.handles.map((_, k) => Math.hypot(...off(k)));
+        }""",
+        round(1e3 * seconds),
+    )
+    return found
+
+
+def handle(page: Page, number: int) -> tuple[float, float]:
+    """Where the target of a handle is on the page, in pixels."""
+    x, y, *_ = page.evaluate(f"flight.project(flight.ghost({number}))")
+    return x, y
+
+
+def load_base(page: Page, factor: float) -> None:
+    page.locator("#masses input").first.evaluate(
+        "(slider, x) => { slider.value = x; slider.dispatchEvent(new Event('input')); }", factor
+    )
+
+
+def quiet(seen: Visit) -> bool:
+    return (seen.foreign, seen.faults) == ([], [])
+
+
+def test_targets_are_reached_and_unknown_masses_are_seen(written: Path) -> None:
+    assert written.stat().st_size < 100_000
+    with visit(written.as_uri()) as seen:
+        page = seen.page
+        page.wait_for_function("globalThis.flight")
+        for number in (0, 1):
+            before = page.evaluate("[...flight.target]")
+            x, y = handle(page, number)
+            page.mouse.move(x, y)
+            page.mouse.down()
+            page.mouse.move(x + 60, y - 40, steps=3)
+            page.mouse.up()
+            after = page.evaluate("[...flight.target]")
+            moved = {k for k, (a, b) in enumerate(zip(before, after, strict=True)) if a != b}
+            assert moved == ({0, 1, 2} if number == 0 else {7, 8})
+            assert max(away(page)) < 1e-3
+        load_base(page, 1.05)
+        # The force that is missing, N, against stiffness times the mass that the law knows.
+        robot = load(ROBOT)
+        mass = robot.mass_matrix([0, 0, 0, 0, 0, 0, 1, 0, 0])[0, 0]
+        extra = 0.05 * robot.PARAMETERS["base_mass"] * robot.PARAMETERS["gravity"]
+        sag = extra / (mass * page.evaluate("flight.R.stiffness[2]"))
+        assert math.isclose(away(page)[0], sag, rel_tol=0.05)
+        page.check("#known")
+        assert max(away(page)) < 1e-3
+        page.keyboard.press("Tab")
+        page.focus("#scene")
+        page.keyboard.press("PageUp")
+        assert away(page, 0.0)[0] > 0.01
+        assert quiet(seen)
+
+
+def test_a_finger_drags_on_a_phone_where_nothing_covers_the_machine(written: Path) -> None:
+    with visit(written.as_uri(), 390, 844) as seen:
+        page = seen.page
+        page.wait_for_function("globalThis.flight")
+        picture, panel = (page.locator(name).bounding_box() for name in ("figure", "aside"))
+        assert picture is not None
+        assert panel is not None
+        assert picture["y"] + picture["height"] <= panel["y"] + 0.5
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        session = page.context.new_cdp_session(page)
+        session.send("Emulation.setTouchEmulationEnabled", {"enabled": True})
+        x, y = handle(page, 0)
+        for kind, dx in (("Start", 0), ("Move", 15), ("Move", 30)):
+            points = [{"x": x + dx, "y": y}]
+            session.send(
+                "Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": points}
+            )
+        session.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+        start, target = page.evaluate("[flight.R.start, [...flight.target]]")
+        assert math.dist(start[:3], target[:3]) > 0.01
+        assert max(away(page)) < 1e-3
+        assert quiet(seen)
+
+
+def test_what_no_law_leads_flies_by_the_regulator(written: Path) -> None:
+    place = written.with_name("regulated.html")
+    fly_html("quadrotor_2link").save(place)
+    with visit(place.as_uri()) as seen:
+        seen.page.wait_for_function("globalThis.flight")
+        seen.page.evaluate("flight.target[flight.R.position[2][1]] += 0.3")
+        assert away(seen.page)[0] < 1e-3
+        assert quiet(seen)
