@@ -50,21 +50,11 @@ _MEMBER = re.compile(r"^ +\w+_real (\w+)(?:\[(\d+)\])?;", re.MULTILINE)
 def web_assembly(
     module: ModuleType, functions: Iterable[str] | None = None, laws: Iterable[str] = ()
 ) -> bytes:
-    """Compile emitted functions of a robot to WebAssembly.
+    """Functions of a module, by default all, and laws that it has in C, as WebAssembly.
 
-    Args:
-        module: A generated module, with the target c.
-        functions: Names of its functions; all of them, if None.
-        laws: Names of the laws that were generated with it, such as "geometric".
-
-    Returns:
-        The bytes. They import `sin`, `cos`, `atan`, `atan2` and `exp` from `env`, and export
-        `<name>_<function>` as the header declares it, for one state, `<name>_init_constants`,
-        `<name>_default_constants`, `<name>_default_parameters`, `memory`, and `__heap_base`, where
-        free memory begins. `web_script` makes what calls them.
-
-    Raises:
-        UsageError: A function, a law or the target c is missing, or a compiler for WebAssembly.
+    It imports `sin`, `cos`, `atan`, `atan2` and `exp` from `env`, and exports functions as the
+    header declares them, for one state, and `__heap_base`, where free memory begins. Raises
+    `UsageError` where a function, a law or the target c is missing, or a compiler.
     """
     chosen, laws = _chosen(module, functions), tuple(laws)
     folder, name = Path(module.__path__[0]), module.NAME
@@ -81,17 +71,10 @@ def web_assembly(
 def web_script(
     module: ModuleType, functions: Iterable[str] | None = None, laws: Iterable[str] = ()
 ) -> str:
-    """Write the ES module that calls what `web_assembly` makes of the same arguments.
+    """The ES module that calls what `web_assembly` makes of the same arguments.
 
-    Args:
-        module, functions, laws: As of `web_assembly`.
-
-    Returns:
-        Its text. It exports `load`, which takes those bytes and promises the robot: an object with
-        a function for each emitted one, and an array for each argument.
-
-    Raises:
-        UsageError: As of `web_assembly`, but for the compiler.
+    It exports `load`, which takes those bytes and promises the robot: an object with a function for
+    each emitted one, and an array for each argument. Raises `UsageError` as that does.
     """
     chosen, laws, name = _chosen(module, functions), tuple(laws), module.NAME
     files = [f"{name}.h", *_law_files(name, laws)[:1]]
