@@ -33,7 +33,7 @@ class Row:
     @classmethod
     def of(cls, line: str) -> Row:
         """The row that a line of Markdown holds."""
-        label, _, place, names = (entry.strip() for entry in line.strip("|").split(" | "))
+        label, _, names, place = (entry.strip() for entry in line.strip("|").split(" | "))
         match = PLACE.fullmatch(place)
         assert match, place
         number, notebook, anchor, cell = match.groups()

@@ -22,7 +22,7 @@ SHORT = {
     r"\dot{\theta}_{1,4}": r"\dot\varphi",
     "m_{b}": "m_b",
     "m_{3}": "m",
-    r"\rho_{3,z}": "z",
+    r"\rho_{3,z}": "r",
     "J_{1,3,zz}": "J_b",
     "J_{1,4,zz}": "J",
     "p_{F1,x}": "x_1",

@@ -26,20 +26,20 @@ def test_equations_by_hand_are_those_of_the_module(tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text(TEXT, encoding="utf-8")
     module = load(generate(tmp_path / "small.toml", tmp_path))
     q, v, g = np.array([0.3, -0.2, 0.5, -1.1]), np.array([0.4, 0.7, -0.9, 1.6]), 9.81
-    s, c, rate, (base, mass, z) = (
+    s, c, rate, (base, mass, r) = (
         np.sin(q[2] + q[3]),
         np.cos(q[2] + q[3]),
         v[2] + v[3],
         (0.5, 0.1, -0.2),
     )
-    inertia, own = 0.001 + mass * z**2, 0.004
-    # The pendulum's centre of mass is at (x + z s, z + z c), as pitch is about y.
-    across = mass * z * np.array([c, -s])
+    inertia, own = 0.001 + mass * r**2, 0.004
+    # The pendulum's centre of mass is at (x + r s, z + r c), as pitch is about y.
+    across = mass * r * np.array([c, -s])
     matrix = np.diag([base + mass, base + mass, own + inertia, inertia])
     matrix[2, 3] = matrix[3, 2] = inertia
     matrix[:2, 2:] = np.stack([across, across], axis=1)
     matrix[2:, :2] = matrix[:2, 2:].T
-    residual = mass * z * np.array([s * rate**2, c * rate**2, g * s, g * s])
+    residual = mass * r * np.array([s * rate**2, c * rate**2, g * s, g * s])
     residual[1] -= g * (base + mass)
     inputs = np.zeros((4, 3))
     inputs[0, :2], inputs[1, :2] = np.sin(q[2]), np.cos(q[2])
