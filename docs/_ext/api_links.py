@@ -1,4 +1,4 @@
-"""Names of the Python API in running text lead to their entries, wherever these stand."""
+"""Names of the Python API lead to their entries, in running text and where code imports them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,14 @@ from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 from sphinx.transforms.post_transforms import SphinxPostTransform
 
-# The word for a direction that walls have, besides a distribution.
-ORDINARY = ("normal",)
+# Words for a direction that walls have and for inputs of programs, besides distributions.
+ORDINARY = ("normal", "uniform")
+# What code imports, as Pygments writes it: the rest of a line, or what is in parentheses.
+IMPORTED = re.compile(
+    r"""(?<=<span class="nn">gibbs_codegen</span><span class="w"> </span>)"""
+    r"""<span class="kn">import</span> (<span class="p">\(</span>.*?\)|.*?\n)""",
+    re.DOTALL,
+)
 
 
 class ApiLinks(SphinxPostTransform):
@@ -50,7 +56,26 @@ class ApiLinks(SphinxPostTransform):
             link += literal
 
 
+def link_imports(
+    app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: nodes.document | None
+) -> None:
+    """Make links of the names that blocks of code import; a handler of `html-page-context`."""
+    documented = app.env.get_domain("py").objects  # type: ignore[attr-defined]
+
+    def link(name: re.Match[str]) -> str:
+        if entry := documented.get(full := f"gibbs_codegen.{name[1]}"):
+            address = f"{app.builder.get_relative_uri(page, entry.docname)}#{full}"
+            return f'<a class="reference internal" href="{address}">{name[0]}</a>'
+        return name[0]
+
+    def links(imported: re.Match[str]) -> str:
+        return re.sub(r'<span class="n">(\w+)</span>', link, imported[0])
+
+    context["body"] = IMPORTED.sub(links, context.get("body", ""))
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register with Sphinx."""
     app.add_post_transform(ApiLinks)
+    app.connect("html-page-context", link_imports)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
