@@ -1,0 +1,30 @@
+"""The first lessons do what they say: each runs in an empty folder, as a reader would type it."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from support.pages import PAGES, write_files
+from support.tools import run, tool
+
+LESSONS = sorted({p for p in PAGES if p.startswith("docs/lessons/")} - {"docs/lessons/index.md"})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", LESSONS)
+def test_a_lesson_prints_what_it_shows(page: str, tmp_path: Path) -> None:
+    """Blocks of commands in their order; each line of a text block is printed by those above it."""
+    write_files(page, tmp_path)
+    folder = Path(sys.executable).parent
+    path = f"{folder}{os.pathsep}{os.environ['PATH']}"
+    printed = ""
+    for language, block in re.findall(r"^```(sh|text)\n(.*?)^```", PAGES[page], re.M | re.S):
+        if language == "sh":
+            printed = run([tool("bash"), "-euc", f"cd '{tmp_path}'\n{block}"], PATH=path)
+            continue
+        for line in block.splitlines():
+            assert line.removesuffix("…") in printed, printed
