@@ -186,6 +186,7 @@ def test_files_in_toml_are_accepted() -> None:
     howto = [f"howto/{page}" for page in named]
     pages = [
         *sorted([*howto, *touching, *loads, *filtered]),
+        *(f"lessons/{page}" for page in ("px4", "teaching", "urdf")),
         *files,
         "start/autopilot",
         "start/first-robot",
