@@ -67,7 +67,7 @@ DATA = """
     templates/c_places.h.jinja templates/cuda_header.cuh.jinja templates/cuda_source.cu.jinja
     templates/c_rollout.c.jinja templates/c_rollout.h.jinja templates/c_runtime.h.jinja
     templates/c_source.c.jinja templates/fmi2_model.xml.jinja templates/fmi3_build.xml.jinja
-    templates/fmi3_model.xml.jinja templates/fmu_source.c.jinja
+    templates/fmi3_model.xml.jinja templates/fly.html.jinja templates/fmu_source.c.jinja
     templates/matlab_constants.m.jinja
     templates/matlab_function.m.jinja templates/matlab_list.m.jinja
     templates/matlab_parameters.m.jinja templates/matlab_patterns.m.jinja
