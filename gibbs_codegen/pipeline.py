@@ -38,7 +38,7 @@ from gibbs_codegen.program.choice import Derivatives, Functions, chosen_derivati
 from gibbs_codegen.program.model import Model, Progress
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.posture import closed_loops
+from gibbs_codegen.robot.posture import closed_loops as closed_loops
 from gibbs_codegen.runtime.c_library import announced
 from gibbs_codegen.targets import registry
 from gibbs_codegen.targets.c.laws import check_laws

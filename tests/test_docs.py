@@ -35,6 +35,7 @@ pytestmark = pytest.mark.usefixtures("derived_once")
 RUN_ELSEWHERE = {
     "docs/howto/casadi.md": "tests/runtime/test_casadi_backend.py",
     "docs/howto/crocoddyl.md": "tests/test_crocoddyl.py",
+    "docs/howto/fly.md": "tests/flight/viewer/test_fly.py",
     "docs/howto/own-law.md": "tests/runtime/test_own_law.py",
     "docs/howto/own-nmpc.md": "tests/runtime/test_casadi_backend.py",
     "docs/howto/jax.md": "tests/runtime/test_jax_backend.py",
@@ -48,7 +49,7 @@ RUN_ELSEWHERE = {
 PROJECTS = ("docs/howto/cmake.md", "docs/howto/eigen.md", "docs/howto/predictive-c.md")
 # Entries of Python's functions, each with an example; those of these need a package, or a window.
 API_PAGES = sorted(page for page in PAGES if page.startswith("docs/reference/python-"))
-WITHOUT_EXAMPLE = {"acados_model", "differentiable", "view"}
+WITHOUT_EXAMPLE = {"acados_model", "differentiable", "fly_html", "view"}
 MODULE_PAGE = "docs/reference/generated-module.md"
 COMMAND = re.compile(r"gibbs-codegen ([^#&>\n]*)")
 

@@ -130,7 +130,7 @@ def test_docstrings_say_what_is_described(files: dict[str, str]) -> None:
 def test_unknown_target_is_refused_with_the_known_ones() -> None:
     with pytest.raises(UsageError, match="known targets: numpy, c"):
         find_targets(["fortran"])
-    for name, how in (("jax", "backend='jax'"), ("casadi", "casadi.md"), ("acados", "acados.md")):
+    for name, how in (("jax", "backend='jax'"), ("casadi", "casadi.md"), ("acados", "own-nmpc.md")):
         with pytest.raises(UsageError, match=rf"No target is needed for it: .*{how}"):
             find_targets([name])
     for target, words in (

@@ -270,13 +270,19 @@ def flown_module(word: str, functions: Sequence[str]) -> Iterator[tuple[ModuleTy
     are those by default and others. Without such a law there is None, and derivatives instead.
     Raises as `generate` does.
     """
-    from gibbs_codegen.pipeline import generate_robot, tracking_law  # Late, as they import SymPy.
+    # Late, as it imports SymPy.
+    from gibbs_codegen.pipeline import closed_loops, generate_robot, tracking_law
     from gibbs_codegen.robot.file import read_robot
 
     files = (
         os.path.join(folder, "robot.toml") for folder in (word, os.path.join("generated", word))
     )
     read, text = read_robot(next(filter(os.path.isfile, files), word))
+    if closed_loops(read):
+        raise UsageError(
+            f"{read.name}: its joints form loops, which such a page does not hold closed; fly it "
+            "with simulate, and look at the flight with view"
+        )
     law = tracking_law(read)
     laws, derivatives = ((law,), ()) if law else ((), ("forward_dynamics_derivatives",))
     with tempfile.TemporaryDirectory() as out:

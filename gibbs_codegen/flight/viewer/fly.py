@@ -17,11 +17,14 @@ from gibbs_codegen.figures.appearance import disc_radius
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.flight.analysis.linear_model import lqr
 from gibbs_codegen.flight.analysis.trim import trim
+from gibbs_codegen.flight.desired.posture import authority_posture
 from gibbs_codegen.flight.record.series import Array
 from gibbs_codegen.flight.sweeps.sources import flown_module
 from gibbs_codegen.flight.viewer.machine import DrawnMachine
 from gibbs_codegen.flight.viewer.page import ViewPage
+from gibbs_codegen.machine.base import RETURN
 from gibbs_codegen.machine.laws import LAWS
+from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.runtime.web import web_assembly, web_script
 
 # What the page calls.
@@ -84,7 +87,7 @@ def _described(machine: DrawnMachine, law: str | None) -> dict[str, Any]:
     """What the script has to know of a robot: sizes, places, gains, limits, and what is drawn."""
     vehicle, module = machine.vehicle, machine.module
     layout, names, inputs = vehicle.layout, module.COORDINATES, vehicle.inputs
-    held = _regulator(machine) if law is None else {"start": machine.coordinates(machine.start())}
+    held = _regulator(machine) if law is None else {"start": _start(machine)}
     q = held["start"]
     points, frames, hover = vehicle.positions(q), vehicle.frame_poses(q), machine.hover(q)
     centre, rotors = vehicle.points.index(vehicle.centre), vehicle.rotors
@@ -111,7 +114,7 @@ def _described(machine: DrawnMachine, law: str | None) -> dict[str, Any]:
         "full": [usual[unit] for unit in units],
         "lags": [vehicle.description("TIME_CONSTANTS").get(name, 0.0) for name in inputs],
         "rate": _RATE,
-        "drive": layout.has_drive,
+        "drive": layout.has_drive and _drive(layout),
         "position": [("xyz".index(names[i]), i) for i in _range(layout.q.position, names)],
         **_controls(machine, bool(law and LAWS[law].leans)),
         **_gains(machine, law),
@@ -135,6 +138,23 @@ def _described(machine: DrawnMachine, law: str | None) -> dict[str, Any]:
         "thin": 0.022 * size,
         "thick": 0.045 * size,
     }
+
+
+def _start(machine: DrawnMachine) -> Array:
+    """Level, with bent joints; where these move rotors, as flights begin."""
+    vehicle, q = machine.vehicle, machine.coordinates(machine.start())
+    if vehicle.rotors_move:
+        low, high = machine.joint_limits
+        q[vehicle.arm] = authority_posture(vehicle, (low, high), q[vehicle.arm])
+    return q
+
+
+def _drive(layout: Layout) -> list[int]:
+    """Places of ahead and turning in v, of heading, x and y in q."""
+    return [
+        *(layout.v.names.index(name) for name in ("vx", "wz")),
+        *(layout.q.names.index(name) for name in ("yaw", "x", "y")),
+    ]
 
 
 def _range(places: slice, whole: Sequence[Any]) -> range:
@@ -175,7 +195,7 @@ def _gains(machine: DrawnMachine, law: str | None) -> dict[str, Any]:
     parts = _LEANING if law and LAWS[law].leans else _FULL
     for part, (k, d) in zip(("attitude", "position", "joints"), parts, strict=True):
         stiffness[getattr(layout, part)], damping[getattr(layout, part)] = k, d
-    return {"stiffness": stiffness, "damping": damping}
+    return {"stiffness": stiffness, "damping": damping, "back": RETURN}
 
 
 def _regulator(machine: DrawnMachine) -> dict[str, Any]:
@@ -208,7 +228,7 @@ def _joints(machine: DrawnMachine, q: Array, hover: Array, least: float) -> dict
     still, none = np.zeros(vehicle.layout.v.size), np.zeros((len(vehicle.frames), 6))
     loads = vehicle.joint_wrenches_with_wrenches(q, still, still, hover, none).reshape(-1, 2, 3)
     sizes = np.linalg.norm(loads, axis=2)
-    effort = [max(1.5 * sizes[body, int(unit == "N m")], least) for _, body, unit in joints]
+    effort = [max(3.0 * sizes[body, int(unit == "N m")], least) for _, body, unit in joints]
     return {"joints": joints, "effort": effort}
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from support.browser import Visit, visit
+from support.pages import run_python
 from support.tools import missing
 
 from gibbs_codegen import load
@@ -126,3 +127,13 @@ def test_what_no_law_leads_flies_by_the_regulator(written: Path) -> None:
         seen.page.evaluate("flight.target[flight.R.position[2][1]] += 0.3")
         assert away(seen.page)[0] < 1e-3
         assert quiet(seen)
+
+
+def test_page_about_it_runs(written: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    run_python("docs/howto/fly.md")
+
+
+def test_loops_are_refused_before_anything_is_derived() -> None:
+    with pytest.raises(UsageError, match="delta_hexarotor: its joints form loops"):
+        fly_html("delta_hexarotor")
