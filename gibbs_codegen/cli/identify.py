@@ -12,12 +12,14 @@ from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.staging import check_new
 from gibbs_codegen.files.toml import changes_of
+from gibbs_codegen.flight.plant.vehicle import RobotData
 from gibbs_codegen.identification.design import Design, design
 from gibbs_codegen.identification.identify import (
     Identified,
     check_given,
     identify,
 )
+from gibbs_codegen.identification.unknowns import Unknowns
 from gibbs_codegen.runtime.load import load
 
 
@@ -29,15 +31,25 @@ def run(options: argparse.Namespace) -> int:
     check_given(options.logs, options.prior, options.hold_out)
     if bool(options.logs) == bool(options.design):
         raise UsageError("give a LOG to identify from, or --design FILE for a motion that tells")
+    if not options.room > 0.0:
+        raise UsageError(f"--room must be above 0, but is {options.room:g}")
     # What a load changes, and places of frames, may be 0 in the file.
     zero = any(pattern.startswith(("payload.", "frame_")) for pattern in options.free)
-    with (
-        robot_argument.found_module(options.robot, terminal.progress(), keep_zeros=zero) as (
-            folder,
-            _,
-        ),
-        terminal.progress_bar() as progress,
-    ):
+
+    def check(robot: RobotData) -> None:
+        """Raise `UsageError` for names that the robot does not have, before it is derived."""
+        if not hasattr(robot.module, "PARAMETERS"):
+            from gibbs_codegen.derivation.parameters import Parameters
+            from gibbs_codegen.symbolic.tape import Tape
+
+            source, _ = robot_argument.find_robot(options.robot)
+            vars(robot.module).update(PARAMETERS=Parameters(source, Tape(), zero).defaults)
+        Unknowns(robot.module, options.free, options.prior)
+
+    found = robot_argument.found_module(
+        options.robot, terminal.progress(), check=check, keep_zeros=zero
+    )
+    with found as (folder, _), terminal.progress_bar() as progress:
         module, free, prior = load(folder, "c"), options.free, options.prior
         settled = True
         made: Design | Identified

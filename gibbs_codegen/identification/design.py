@@ -263,7 +263,8 @@ class _Experiment:
         frames = imus_of(self.module, recording)
         self._model = self._model or model_of(self.module, [recording])
         smoother = Smoother(self._model, self.unknowns, [Readings(recording, self.module, frames)])
-        estimate, rows = smoother.start(), np.searchsorted(flight.time, recording.time - 1e-9)
+        times = recording.time[:: smoother.samples]
+        estimate, rows = smoother.start(), np.searchsorted(flight.time, times - 1e-9)
         estimate.state |= {"q": flight.q[rows], "v": flight.v[rows]}
         if self._wind is None:
             estimate = smoother.run(estimate, lambda detail, share: None, numbers=False)

@@ -43,7 +43,7 @@ _UNSEEN, _PART = 0.5, 0.35
 _AHEAD, _FIRST = 0.5, 2000
 # How much more than its deviations steps may leave in the first iterations, in which numbers are
 # far from those of the log, and in the last ones where they are known.
-_SLACKS = 30.0, 30.0, 10.0, 3.0
+_SLACKS, _HELD = (30.0, 30.0, 10.0, 3.0), 2
 # Deviations of the prior from which on a value contradicts the robot file, and those from which on
 # a fit begins elsewhere.
 _CONTRADICTS, _FAR = 3.0, 1.0
@@ -191,12 +191,13 @@ def identify(
             estimate.shared[: len(begin)] = begin
         else:
             estimate.shared = start
-        slacks = _SLACKS[start is not None :]
+        slacks, held = (_SLACKS, 0) if start is None else (_SLACKS[1:], _HELD)
 
         def tell(detail: str, share: float) -> None:
             progress(f"{what}: {detail}", share)
 
-        return smoother, smoother.run(estimate, tell, numbers, slacks, what == "first samples")
+        roughly = what == "first samples"
+        return smoother, smoother.run(estimate, tell, numbers, slacks, roughly, held)
 
     start = None
     if sum(len(r.time) for r in used) > 1.5 * _FIRST:
@@ -450,16 +451,16 @@ def unseen(unknowns: Unknowns, covariance: Array, slopes: Array) -> tuple[str, .
 
 def _errors_ahead(smoother: Smoother, estimate: Estimate) -> dict[str, float]:
     """Root mean squares of errors of coordinates that are predicted without readings."""
-    model, steps = smoother.model, round(_AHEAD / smoother.model.h)
-    count = len(smoother.q)
+    model, count = smoother.model, len(smoother.q)
+    steps = round(_AHEAD / model.h / smoother.samples)
     starts = np.arange(0, count - steps, max(1, steps // 2))
     starts = starts[np.array([smoother.follows[k : k + steps].all() for k in starts], dtype=bool)]
     state = {name: values[starts] for name, values in estimate.state.items()}
     for k in range(steps):
         after, _ = smoother.stepped(estimate.shared, state, starts + k)
         state = {**after, "pull": state["pull"]}
-    away = model.vehicle.displacement(smoother.q[starts + steps], state["q"])
-    known = smoother.has[starts + steps][:, : model.nd] > 0.0
+    away = model.vehicle.displacement(smoother.q[starts + steps, 0], state["q"])
+    known = smoother.has[starts + steps, 0, : model.nd] > 0.0
     d = model.layout.displaced
     kinds = {"position, m": d.position, "attitude, rad": d.attitude, "joints, rad or m": d.joints}
     return {

@@ -8,6 +8,7 @@ from typing import Any
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.toml import key_lines
+from gibbs_codegen.flight.sweeps.sources import entry
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.names import identifier, parameter_prefix, rotor_prefix
 from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, XYZ
@@ -37,7 +38,9 @@ def with_numbers(text: str, changes: Mapping[str, float], words: Mapping[str, st
     lines = key_lines(text)
     for name, value in changes.items():
         prefixes = sorted((p for p in tables if name.startswith(f"{p}_")), key=len, reverse=True)
-        keys = (_changed(_table(document, tables[p]), name[len(p) + 1 :], value) for p in prefixes)
+        keys = (
+            _changed(entry(document, tables[p]) or {}, name[len(p) + 1 :], value) for p in prefixes
+        )
         key, prefix = next(((k, p) for k, p in zip(keys, prefixes, strict=True) if k), ("", ""))
         if not key:
             raise UsageError(
@@ -53,7 +56,7 @@ def with_numbers(text: str, changes: Mapping[str, float], words: Mapping[str, st
     rows: list[str | None] = [*text.splitlines()]
     for path, comments in edits.items():
         table, _, key = path.rpartition(".")
-        value = _table(document, table)[key]
+        value = entry(document, path)
         old = [f"{table}.{k}" for k in (key, *_CURVES * (key == "thrust_curve"))]
         for number, row in enumerate([lines[p] - 1 for p in old if p in lines]):
             end = _end(rows, row)
@@ -78,17 +81,6 @@ def _end(rows: list[str | None], begin: int) -> int:
     raise AssertionError("a file that was read has ends of values")
 
 
-def _table(document: Any, path: str) -> Any:
-    """A table of a document by its path; an empty one where there is none."""
-    for part in path.split("."):
-        name, _, number = part.partition("[")
-        document = document.get(name, {}) if isinstance(document, dict) else {}
-        if number:
-            place = int(number.rstrip("]"))
-            document = document[place] if place < len(document) else {}
-    return document if isinstance(document, dict) else {}
-
-
 def _changed(table: dict[str, Any], end: str, value: float) -> str:
     """Change an entry of a table by the end of its name; its key, "" where it has none."""
     value = float(f"{value:.{_DIGITS}g}")
@@ -98,12 +90,12 @@ def _changed(table: dict[str, Any], end: str, value: float) -> str:
     if isinstance(table.get(end), int | float):
         table[end] = value
         return end
-    key, _, entry = (f"xyz_{end}" if end in XYZ else end).rpartition("_")
+    key, _, place = (f"xyz_{end}" if end in XYZ else end).rpartition("_")
     places = {
         **dict(zip(XYZ, range(3), strict=True)),
         **dict(zip(AXIS_PAIRS, range(6), strict=True)),
     }
-    if isinstance(table.get(key), list) and (entry in places or entry.isdigit()):
-        table[key][places[entry] if entry in places else int(entry) - 1] = value
+    if isinstance(table.get(key), list) and (place in places or place.isdigit()):
+        table[key][places[place] if place in places else int(place) - 1] = value
         return key
     return ""

@@ -1,10 +1,12 @@
 """The most likely motion and numbers, by Gauss-Newton over all samples at once.
 
-Unknown are the state at every sample, with the pull of the wind, and what all share: numbers of the
-robot file, a drag, biases of IMUs. What is least is the sum of squares, each over its deviation, of
-readings, of what steps from sample to sample leave, of changes of the wind, and of the prior. The
-wind is a process from sample to sample, as turbulence is: were it a curve through nodes, what it
-does between these would be in all accelerations of a node alike, and deviations too small.
+Unknown are states, with the pull of the wind, and what all share: numbers of the robot file, a
+drag, biases of IMUs. What is least is the sum of squares, each over its deviation, of readings, of
+what steps from state to state leave, of changes of the wind, and of the prior. The wind is a
+process from state to state, as turbulence is: were it a curve through nodes, what it does between
+these would be in all accelerations of a node alike, and deviations too small. A base that flies has
+a state every 20 ms, in which the wind hardly changes, and samples on the way; other robots, whose
+inputs err from sample to sample, have one at each.
 
 States are eliminated one after the other, which leaves equations of what is shared. Numbers for
 which states are less certain explain readings by more motions than the most likely one. So half the
@@ -18,7 +20,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
@@ -40,8 +41,9 @@ _WIND_TIME, _WIND, _CALM = 1.0, 0.3, 0.01
 # Readings that are off by more of their deviations weigh less (Huber).
 _OUTLIER = 3.0
 _STEP = 1e-6
-# Samples at a time, which stay in the cache; every how many of these tell how certain states are.
-_CHUNK, _ALL, _EVERY = 1024, slice(None), 4
+# Time from state to state of what flies, s; states at a time, which stay in the cache; every how
+# many tell how certain they are.
+_SPACING, _CHUNK, _ALL, _EVERY = 0.02, 256, slice(None), 8
 # Changes of shared numbers, of their deviations, where a fit ends, or what it begins at, and shares
 # of strengths that are none; iterations at most, and changes of unknowns at once.
 _SETTLED, _ROUGHLY, _SAME, _MOST, _FAR = 0.05, 1.0, 0.1, 30, 0.5
@@ -75,37 +77,50 @@ class Smoother:
 
     def __init__(self, model: Model, unknowns: Unknowns, logs: Sequence[Readings]) -> None:
         self.model, self.unknowns = model, unknowns
-        self.command = np.concatenate([log.commands for log in logs])
-        self.q, self.has, self.felt = (
-            np.concatenate([getattr(log, name) for log in logs]) for name in ("q", "has", "felt")
-        )
-        ends = np.cumsum([len(log.q) for log in logs]) - 1
-        # Whether a sample is followed by the next, of the same log.
+        # Samples from state to state.
+        self.samples = max(1, round(_SPACING / model.h)) if model.free else 1
+
+        def grouped(name: str, **fill: Any) -> Array:
+            """Series of logs (s, samples, ·), each filled up at its end."""
+            ends = [[(0, -len(log.q) % self.samples), (0, 0)] for log in logs]
+            pairs = zip([getattr(log, name) for log in logs], ends, strict=True)
+            whole = np.concatenate([np.pad(series, end, **fill) for series, end in pairs])
+            return whole.reshape(len(whole) // self.samples, self.samples, whole.shape[1])
+
+        self.command, self.q = (grouped(name, mode="edge") for name in ("commands", "q"))
+        self.felt = grouped("felt", constant_values=np.nan)
+        # Whether a state is followed by the next, of the same log.
         self.follows = np.ones((len(self.q), 1))
-        self.follows[ends] = 0.0
+        self.follows[np.cumsum([-(-len(log.q) // self.samples) for log in logs]) - 1] = 0.0
         self._machine = lru_cache(64)(
             lambda z: model.machine(unknowns.parameters(np.frombuffer(z)))
         )
         self._pool = ThreadPoolExecutor(os.cpu_count())
-        self.has = np.concatenate([self.has, np.isfinite(self.felt)], axis=1).astype(float)
+        self.has = np.concatenate([grouped("has"), np.isfinite(self.felt)], axis=2)
         self.felt = np.nan_to_num(self.felt)
         weights = [np.concatenate([log.deviations, log.felt_deviations]) for log in logs]
-        self.weights = 1.0 / np.sqrt(np.mean(np.square(weights), axis=0))
+        # Of the readings of all samples of a state (s, m).
+        self._weights = self.has / np.sqrt(np.mean(np.square(weights), axis=0))
+        self._weights = self._weights.reshape(len(self.q), -1)
         sizes = np.repeat([_OF_Q, _OF_V, _OF_X], [model.nd, model.nv, model.nx])
-        self.step_weights = 1.0 / (sizes * np.sqrt(model.h))
-        self.left = np.exp(-model.h / _WIND_TIME) if model.free else 0.0
-        self.imus = self.felt.shape[1]
+        self.step_weights = 1.0 / (sizes * np.sqrt(self.samples * model.h))
+        # What is left of a pull after a sample, and until the next state.
+        self._kept = np.exp(-model.h / _WIND_TIME) if model.free else 0.0
+        self.left = self._kept**self.samples
+        self.imus = self.felt.shape[2]
         prior = [unknowns.prior] * len(unknowns.names)
         if model.free:
             prior.append(_DRAG * float(model.machine({}).scale[0]))
         prior += ([_BIASES[0]] * 3 + [_BIASES[1]] * 3) * (self.imus // 6)
         self.prior = np.array(prior)
+        firsts = zip(
+            *([log.guess, log.rates, model.levels(log.commands)] for log in logs), strict=True
+        )
         self.first = {
-            "q": np.concatenate([log.guess for log in logs]),
-            "v": np.concatenate([log.rates for log in logs]),
-            "x": np.concatenate([model.levels(log.commands) for log in logs]),
-            "pull": np.zeros((len(self.q), model.pulls)),
+            name: np.concatenate([x[:: self.samples] for x in series])
+            for name, series in zip("qvx", firsts, strict=True)
         }
+        self.first["pull"] = np.zeros((len(self.q), model.pulls))
 
     def start(self) -> Estimate:
         """The numbers of the robot file, and the motion by filtered readings."""
@@ -114,21 +129,35 @@ class Smoother:
 
     def stepped(
         self, shared: Array, state: dict[str, Array], rows: Any = _ALL
-    ) -> tuple[dict[str, Array], Array]:
-        """States after a step from samples by their rows, and what IMUs feel before it."""
+    ) -> tuple[dict[str, Array], list[tuple[Array, Array]]]:
+        """The next states by their rows, and q and what IMUs feel at samples until then."""
         machine = self._machine(shared[: len(self.unknowns.names)].tobytes())
         drag = shared[len(self.unknowns.names)] if self.model.free else 0.0
-        after, felt = self.model(state, machine, command=self.command[rows], drag=drag)
-        return after, felt + shared[len(shared) - self.imus :]
+        biases, seen = shared[len(shared) - self.imus :], []
+        for k in range(self.samples):
+            command = self.command[rows, k]
+            after, felt = self.model(state, machine, command=command, drag=drag)
+            seen.append((state["q"], felt + biases))
+            state = {**after, "pull": self._kept * state["pull"]}
+        return state, seen
+
+    def _away(
+        self, seen: Sequence[tuple[Array, Array]], others: Sequence[tuple[Array, Array]]
+    ) -> Array:
+        """What q and IMUs are off at all samples from others (s, m)."""
+        away = self.model.vehicle.displacement
+        pairs = zip(seen, others, strict=True)
+        parts = [part for a, b in pairs for part in (away(a[0], b[0]), b[1] - a[1])]
+        return np.concatenate(parts, axis=1)
 
     def _residuals(self, estimate: Estimate) -> tuple[Array, Array, Array]:
         """Weighted readings (s, m), what steps leave (s, n), and prior."""
         state = estimate.state
-        after, felt = self.stepped(estimate.shared, state)
-        away = self.model.vehicle.displacement(self.q, state["q"])
-        misses = np.concatenate([away, felt - self.felt], axis=1) * self.weights * self.has
+        after, seen = self.stepped(estimate.shared, state)
+        read = [(self.q[:, k], self.felt[:, k]) for k in range(self.samples)]
+        misses = self._away(read, seen) * self._weights
         ahead = {name: np.roll(values, -1, axis=0) for name, values in state.items()}
-        pulls = self.left * state["pull"] - ahead["pull"]
+        pulls = after["pull"] - ahead["pull"]
         gaps = np.concatenate([self.model.away(ahead, after), pulls], axis=1)
         gaps *= self._step_weights(estimate) * self.follows
         return misses, gaps, estimate.shared / self.prior
@@ -137,47 +166,52 @@ class Smoother:
         calm = 1.0 / (estimate.wind * np.sqrt(1.0 - self.left**2))
         return np.concatenate([self.step_weights / estimate.slack, calm])
 
+    def _slopes(self, estimate: Estimate, free: int, residuals: Array, rows: Any) -> Array:
+        """Slopes of readings and gaps along states and what is shared, and these (s, ·, m + n)."""
+        model, shared, weights = self.model, estimate.shared, self._step_weights(estimate)
+        state = {name: values[rows] for name, values in estimate.state.items()}
+        (after, seen), n = self.stepped(shared, state, rows), len(weights)
+        reads = self._weights.shape[1]
+        slopes = np.zeros((len(after["q"]), n + free + 1, reads + n))
+        pulls = np.arange(-model.pulls, 0)
+        slopes[:, n + pulls, reads + n + pulls] = self.left
+        biases = np.arange(self.imus * bool(free))
+        for k in range(self.samples):
+            felt = k * (model.nd + self.imus) + model.nd + biases
+            slopes[:, n + free - len(biases) + biases, felt] = 1.0
+        for place, way in enumerate(_STEP * np.eye(n + free - len(biases), n + len(shared))):
+            moved = model.moved(state, way[:n]) if place < n else state
+            other, others = self.stepped(shared + way[n:], moved, rows)
+            change = np.concatenate([self._away(seen, others), model.away(after, other)], axis=1)
+            slopes[:, place, : reads + n - model.pulls] = change / _STEP
+        heavy = np.concatenate([self._weights[rows], weights * self.follows[rows]], axis=1)
+        slopes *= heavy[:, np.newaxis]
+        slopes[:, -1] = residuals[rows]
+        misses = np.abs(residuals[rows, np.newaxis, :reads])
+        slopes[..., :reads] *= np.sqrt(_OUTLIER / np.maximum(misses, _OUTLIER))
+        return slopes
+
     def _part(self, estimate: Estimate, free: int, residuals: Array, rows: slice) -> list[Array]:
-        """Of the normal equations what some samples give.
+        """Of the normal equations what some states give.
 
         Squares of the own state (s, n, n), its products with the next, what is shared and
         residuals (s, n, n + free + 1), those of the next (s, free + 1, n), and squares of what is
         shared.
         """
-        model, shared, weights = self.model, estimate.shared, self._step_weights(estimate)
-        state = {name: values[rows] for name, values in estimate.state.items()}
-        (after, felt), nd, n = self.stepped(shared, state, rows), model.nd, len(weights)
-        reads, whole = nd + self.imus, nd + self.imus + n
-        # Slopes of readings and steps along the state and what is shared, and residuals.
-        slopes = np.zeros((len(felt), n + free + 1, whole))
-        slopes[:, range(nd), range(nd)] = 1.0
-        pulls = np.arange(-model.pulls, 0)
-        slopes[:, n + pulls, whole + pulls] = self.left
-        changed = slice(nd, whole - model.pulls)
-        for place, way in enumerate(_STEP * np.eye(n + free, n + len(shared))):
-            moved = model.moved(state, way[:n]) if place < n else state
-            other, feels = self.stepped(shared + way[n:], moved, rows)
-            change = np.concatenate([feels - felt, model.away(after, other)], axis=1)
-            slopes[:, place, changed] = change / _STEP
-        heavy = np.concatenate(
-            [self.weights * self.has[rows], weights * self.follows[rows]], axis=1
-        )
-        slopes *= heavy[:, np.newaxis]
-        slopes[:, -1] = residuals[rows]
-        misses = np.abs(residuals[rows, np.newaxis, :reads])
-        slopes[..., :reads] *= np.sqrt(_OUTLIER / np.maximum(misses, _OUTLIER))
+        slopes = self._slopes(estimate, free, residuals, rows)
+        weights = self._step_weights(estimate)
+        n = len(weights)
         squares = slopes[:, :n] @ slopes.transpose(0, 2, 1)
-        steps = slopes[..., reads:] * weights
+        steps = slopes[..., -n:] * weights
         lines = np.concatenate([-steps[:, :n], squares[..., n:]], axis=2)
         flat = slopes[:, n:].transpose(1, 0, 2).reshape(free + 1, -1)
         return [squares[..., :n], lines, steps[:, n:], flat @ flat.T]
 
-    def _eliminated(self, estimate: Estimate, free: int) -> tuple[Array, Array, Array, float]:
+    def _eliminated(self, estimate: Estimate, free: int) -> tuple[Array, Array, Array]:
         """Normal equations without the states, and what gives these back.
 
         Inverses of factors of the states' squares (s, n, n), by them products with the next state,
-        what is shared and residuals (s, n, n + free + 1), what is left for what is shared, and the
-        logarithm of the determinant of the states' part.
+        what is shared and residuals (s, n, n + free + 1), and what is left for what is shared.
         """
         misses, gaps, prior = self._residuals(estimate)
         chunks = [slice(k, k + _CHUNK) for k in range(0, len(self.q), _CHUNK)]
@@ -203,33 +237,43 @@ class Smoother:
             # The inverse of the factor: BLAS would share small triangular systems among cores.
             square[:] = dtrtri(dpotrf(square, lower=True)[0], lower=True)[0]
             line[:] = square @ line
-        volume = -2.0 * float(np.sum(np.log(np.diagonal(diagonal, axis1=1, axis2=2))))
-        return diagonal, lines, corner, volume
+        return diagonal, lines, corner
 
     def _tilt(self, estimate: Estimate) -> Array:
-        """Half the slope of the logarithm of the states' determinant, by every fourth chunk."""
-        starts = range(0, len(self.q), _EVERY * _CHUNK)
-        spans = [np.arange(k, min(k + _CHUNK, len(self.q))) for k in starts]
-        rows, part = np.concatenate(spans), copy(self)
-        for name in ("command", "q", "has", "felt", "follows"):
-            setattr(part, name, getattr(self, name)[rows])
-        part.follows[np.cumsum([len(span) for span in spans]) - 1] = 0.0
-        state = {name: values[rows] for name, values in estimate.state.items()}
-        estimate = replace(estimate, state=state)
+        """Half the slope of the logarithm of the states' determinant, by every eighth state.
+
+        Of J'J it is the trace of its inverse, which is the covariance of states, and J' dJ.
+        """
+        diagonal, lines, _ = self._eliminated(estimate, 0)
+        weights, turned = self._step_weights(estimate), diagonal.transpose(0, 2, 1)
+        n = len(weights)
+        gains, covariance = turned @ lines[..., :n], turned @ diagonal
+        for k in range(len(gains) - 2, -1, -1):
+            covariance[k] += gains[k] @ covariance[k + 1] @ gains[k].T
+        rows = np.arange(_EVERY // 2, len(gains), _EVERY)
+        ahead = gains[rows] @ covariance[np.minimum(rows + 1, len(gains) - 1)]
+        residuals = np.concatenate(self._residuals(estimate)[:2], axis=1)
+
+        def slopes(way: Array) -> Array:
+            there = replace(estimate, shared=estimate.shared + way)
+            return self._slopes(there, 0, residuals, rows)[:, :n]
+
         steps = 0.1 * np.sqrt(np.diag(estimate.covariance))
+        at = slopes(0.0 * steps)
+        telling = covariance[rows] @ at
+        telling[..., -n:] += ahead * (weights * self.follows[rows])[:, np.newaxis]
         # Biases of IMUs leave what states are sure of as it is.
         ways = np.diag(steps)[: len(steps) - self.imus]
-        moved = [replace(estimate, shared=estimate.shared + way) for way in (0.0 * steps, *ways)]
-        at, *volumes = [part._eliminated(there, 0)[-1] for there in moved]
-        tilt = np.zeros(len(steps))
-        tilt[: len(ways)] = 0.5 * len(self.q) / len(rows) * (np.array(volumes) - at)
+        tilt, share = np.zeros(len(steps)), len(gains) / len(rows)
+        changes = self._pool.map(lambda way: np.sum(telling * (slopes(way) - at)), ways)
+        tilt[: len(ways)] = share * np.array([*changes])
         return tilt / steps
 
     def _solved(
         self, estimate: Estimate, free: int
     ) -> tuple[Array, Array, Callable[[Array], Array]]:
         """Changes of what is shared, its covariance, and what changes of states (s, n) fit some."""
-        diagonal, lines, corner, _ = self._eliminated(estimate, free)
+        diagonal, lines, corner = self._eliminated(estimate, free)
         n = diagonal.shape[-1]
         flat = lines[..., n:].reshape(-1, free + 1)
         corner = corner - flat.T @ flat
@@ -261,16 +305,19 @@ class Smoother:
         numbers: bool = True,
         slacks: Sequence[float] = (),
         roughly: bool = False,
+        held: int = 0,
     ) -> Estimate:
         """The most likely estimate from another on, of the motion alone without `numbers`.
 
         What another fit begins at is found `roughly`: within a deviation, and without the tilt.
-        Steps may leave `slacks` times as much in the first iterations. Costs are no guide on the
-        way: a step that changes numbers leaves what equations that are so sure punish at once, and
-        the next one takes back. So numbers take a share of their changes, by the last one (Aitken).
+        Steps may leave `slacks` times as much in the first iterations, and numbers are `held` in as
+        many, until the motion is theirs. Costs are no guide on the way: a step that changes numbers
+        leaves what equations that are so sure punish at once, and the next one takes back. So
+        numbers take a share of their changes, by the last one (Aitken).
         """
-        free, last, share = len(self.prior) if numbers else 0, np.zeros(0), 1.0
+        last, share = np.zeros(0), 1.0
         for iteration in range(_MOST):
+            free = len(self.prior) if numbers and iteration >= held else 0
             early = iteration < len(slacks)
             estimate = replace(estimate, slack=slacks[iteration] if early else 1.0)
             with np.errstate(all="ignore"):
@@ -300,13 +347,15 @@ class Smoother:
             # What further iterations would change, if each changes less by the same factor.
             rest = size**2 / max(was - size, 0.1 * size, 1e-9)
             same, last = np.max(np.abs(np.log(before / estimate.wind))) < _SAME, off
-            if same and (rest < (_ROUGHLY if roughly else _SETTLED) if free else iteration > 2):
-                if free and estimate.tilt is None and not roughly:
+            untold = free and estimate.tilt is None
+            if same and (rest < (_ROUGHLY if untold else _SETTLED) if free else iteration > 2):
+                if untold and not roughly:
                     estimate.tilt, last = self._tilt(estimate), np.zeros(0)
                     continue
                 estimate.settled = True
                 break
         misses, gaps, _ = self._residuals(estimate)
         estimate.left = np.sqrt(np.mean(gaps**2, axis=0))
-        estimate.misses = np.where(self.has > 0.0, misses, np.nan)
+        misses = np.where(self._weights > 0.0, misses, np.nan)
+        estimate.misses = misses.reshape(-1, self.has.shape[2])
         return estimate

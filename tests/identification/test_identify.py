@@ -18,6 +18,7 @@ from gibbs_codegen import (
     simulate,
     write_log,
 )
+from gibbs_codegen.cli.app import main
 from gibbs_codegen.files.shipped import text_of
 from gibbs_codegen.flight.logs.log import recorded_of
 from gibbs_codegen.flight.logs.reading import Samples
@@ -209,3 +210,16 @@ def test_what_is_not_taken_is_refused(module, flight, tmp_path: Path) -> None:
     (tmp_path / "identified").mkdir()
     refused = run("identify", "quadrotor", "log.ulg", cwd=tmp_path)
     assert (refused.returncode, "is there already" in refused.stderr) == (2, True)
+
+
+def test_names_are_looked_for_before_a_robot_is_derived(monkeypatch, capsys, tmp_path) -> None:
+    monkeypatch.setattr("gibbs_codegen.pipeline.generate_robot", None)
+    monkeypatch.chdir(tmp_path)
+    given = ["identify", ROBOT, "--design", "new.toml"]
+    for wrong, words in {
+        ("--free", "forearm_mas"): "did you mean forearm_mass?",
+        ("--free", "payload.forarm"): "did you mean payload.forearm?",
+        ("--room", "0"): "--room must be above 0",
+    }.items():
+        assert main([*given, *wrong]) == 2
+        assert words in capsys.readouterr().err
