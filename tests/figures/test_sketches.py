@@ -7,17 +7,24 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from ideas import IDEAS, books_sketch
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 from sketches import chain_sketch, frames_sketch, link_sketch, pendulum_sketch, tangent_sketch
 from support.names import assert_names_are_apart
 
-SKETCHES = [link_sketch, tangent_sketch, pendulum_sketch, frames_sketch, chain_sketch]
+SKETCHES = [link_sketch, tangent_sketch, pendulum_sketch, frames_sketch, chain_sketch, *IDEAS]
 
 
 @pytest.mark.parametrize("draw", SKETCHES)
 def test_no_name_hides_another_or_is_cut_off(draw: Callable[[], Figure]) -> None:
     assert_names_are_apart(draw(), smallest=10.0)
+
+
+def test_the_sum_of_books_is_named() -> None:
+    figure = books_sketch({1: (1, 2), 2: (3, 7)}, 9.0)
+    assert_names_are_apart(figure, smallest=10.0)
+    assert "9 kg" in [text.get_text() for text in figure.axes[-1].texts]
 
 
 def vectors(figure: Figure, panel: int) -> list[np.ndarray]:
