@@ -104,4 +104,4 @@ def _decays(law: Controller, integral: float) -> bool:
     """True if errors decay under a law with integral action of a rate, 1/s."""
     polynomials = error_polynomials(replace(law, gains=replace(law.gains, integral=integral)), ())
     roots = np.array(list(itertools.chain.from_iterable(map(np.roots, polynomials))))
-    return bool(np.all(roots.real < -_ROUNDING * np.max(np.abs(roots))))
+    return bool(np.all(roots.real < -_ROUNDING * np.max(np.abs(roots), initial=0.0)))

@@ -626,6 +626,7 @@ def test_a_plan_that_is_late_serves_an_instant_later(module: ModuleType) -> None
 @pytest.mark.slow
 def test_it_is_a_law_of_scenarios(module: ModuleType) -> None:
     changes = {"duration": 2.0, "control.law": "predictive", "motors.time_constant": 0.03}
+    changes["control.integral"] = 0.5  # It is for other laws.
     integration = {"integration": {"method": "rk4", "step": 0.002}}
     flight = simulate(module, read_scenario("circle", changes | integration))
     assert (flight.law, flight.stopped) == ("predictive", "")
