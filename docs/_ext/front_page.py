@@ -1,4 +1,7 @@
-"""The flight on the front page: the paper's scenario, flown when the site is built."""
+"""Flights on the first page and in the gallery: robots that visitors fly by their emitted C.
+
+Where there is no compiler for WebAssembly, the first page replays a flight instead.
+"""
 
 from __future__ import annotations
 
@@ -6,25 +9,46 @@ from pathlib import Path
 from shutil import copyfile
 
 from sphinx.application import Sphinx
+from sphinx.util.logging import getLogger
 
-from gibbs_codegen import load, read_scenario, simulate, view_html
+from gibbs_codegen import fly_html, read_scenario, simulate, view_html
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.files.shipped import shipped_names
 
-ROOT = Path(__file__).parent.parent.parent
+# The robot of the first page.
+FIRST = "quadrotor_arm_2link"
 
 
-def write_flight(app: Sphinx) -> None:
-    """Write the page that `index.md` embeds; it is flown again after every change of the code."""
+def write_flights(app: Sphinx) -> None:
+    """Write a page for every robot that something leads; made again after changes of the code."""
     if app.builder.format != "html":
         return
-    kept = Path(app.config.nb_execution_cache_path, "flight.html")
-    if not kept.exists():
-        robot = load(ROOT / "generated" / "hexarotor_3link")
-        view_html(simulate(robot, read_scenario("paper"))).save(kept)
-    Path(app.outdir).mkdir(parents=True, exist_ok=True)
-    copyfile(kept, Path(app.outdir, "flight.html"))
+    kept, shown = Path(app.config.nb_execution_cache_path, "fly"), Path(app.outdir, "fly")
+    kept.mkdir(parents=True, exist_ok=True)
+    for name in shipped_names("robots"):
+        path = kept / f"{name}.html"
+        try:
+            if not path.exists():
+                fly_html(name).save(path)
+        except UsageError as error:
+            getLogger(__name__).info("no page on which %s flies: %s", name, error)
+            if name == FIRST:
+                view_html(simulate(name, read_scenario("circle"))).save(path)
+    shown.mkdir(parents=True, exist_ok=True)
+    for page in kept.iterdir():
+        copyfile(page, shown / page.name)
+
+
+def lead_to_flights(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Give robots of the gallery that have such a page a link to it."""
+    if docname == "gallery":
+        for page in sorted(Path(app.outdir, "fly").glob("*.html")):
+            link = f'<a href="fly/{page.name}">Fly it in this browser</a>'
+            source[0] = source[0].replace(f"/{page.stem}.png)\n", f"/{page.stem}.png)\n{link}\n")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register with Sphinx."""
-    app.connect("builder-inited", write_flight)
+    app.connect("builder-inited", write_flights)
+    app.connect("source-read", lead_to_flights)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -48,7 +48,7 @@ def pages(shared: Path) -> dict[str, BeautifulSoup]:
         (shared / "site").mkdir()
 
     made_once(shared / "site", build)
-    paths = [path for path in sorted(SITE.rglob("*.html")) if path != SITE / "flight.html"]
+    paths = [path for path in sorted(SITE.rglob("*.html")) if path.parent != SITE / "fly"]
     paths = [path for path in paths if "_static" not in path.parts]
     return {
         path.relative_to(SITE).as_posix(): BeautifulSoup(path.read_bytes(), "lxml")
