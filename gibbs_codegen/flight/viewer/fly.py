@@ -39,6 +39,8 @@ _LEANING = ((100.0, 20.0), (4.0, 4.0), (64.0, 16.0))
 _FULL = ((36.0, 12.0), (9.0, 6.0), (36.0, 12.0))
 # How fast the reference follows what is dragged, 1/s, and how far joints and attitudes go, rad.
 _RATE, _TURN, _LEAN = 3.0, 2.6, 0.5
+# What the regulator takes for the size of inputs that there are not.
+_NONE = 1e-2
 # Period of the law on the page, s.
 _PERIOD = 1e-3
 # Share of the mass below which a body has no slider; how many have one.
@@ -167,7 +169,11 @@ def _controls(machine: DrawnMachine, leans: bool) -> dict[str, Any]:
     names, q = layout.q.names, machine.coordinates(machine.start())
     rates, places = _range(layout.v.joints, layout.v.names), _range(layout.q.joints, names)
     sliders, arm = [], []
-    for i, place, low, high in zip(rates, places, *machine.joint_limits, strict=True):
+    driven = np.subtract(*machine.input_limits)[vehicle.rotors :] != 0.0
+    ends_of = zip(*machine.joint_limits, driven, strict=False)
+    for i, place, (low, high, moves) in zip(rates, places, ends_of, strict=True):
+        if not moves:
+            continue
         room = _TURN if layout.q.units[place] == "rad" else 1.0
         ends = max(low, -room), min(high, room)
         arm.append((i, place, *ends))
@@ -201,7 +207,9 @@ def _gains(machine: DrawnMachine, law: str | None) -> dict[str, Any]:
 def _regulator(machine: DrawnMachine) -> dict[str, Any]:
     """Gain (nu, 2 nv) about hover, and the coordinates there. Raises `UsageError` without one."""
     hover = trim(machine.module)
-    sizes = np.maximum(np.abs(hover.u), 0.1 * np.abs(hover.u).max()) + 1e-3
+    usual, (least, most) = np.abs(hover.u), machine.input_limits
+    sizes = np.where(np.isfinite(most), most, np.maximum(usual, 0.1 * usual.max()) + 1e-3)
+    sizes[most <= least] = _NONE
     weights = np.repeat([10.0, 1.0], machine.vehicle.layout.v.size)
     gain = lqr(machine.module, hover, Q=weights, R=sizes**-2, dt=_PERIOD).gain
     return {"start": hover.q, "gain": gain}

@@ -20,6 +20,7 @@ from gibbs_codegen.robot.balance import (
     wheel_wrenches,
     wrench_matrix,
 )
+from gibbs_codegen.robot.description import Description
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.wrenches import DIRECTIONS, directions, leans, rank
@@ -88,7 +89,9 @@ def check_laws(laws: str | Sequence[str], targets: Sequence[str]) -> tuple[str, 
 
 
 def tracking_law(robot: Robot) -> str | None:
-    """The law that leads a robot along a motion; None where its rotors serve none."""
+    """The law that leads a robot along a motion; None where its rotors and joints serve none."""
+    if (0.0, 0.0) in Description(robot).constants["INPUT_LIMITS"].values():
+        return None
     for law in (name for name, row in LAWS.items() if row.task == "tracking" and not row.calls):
         try:
             _check(robot, law, ())
