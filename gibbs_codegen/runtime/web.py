@@ -39,8 +39,8 @@ TEMPLATE = "web_module.mjs.jinja"
 # Without a C library, and short; what nobody calls is left out.
 _FLAGS = (
     *("-std=gnu11", "-Os", "-DNDEBUG", "-fno-math-errno", "-ffp-contract=off", "-mbulk-memory"),
-    *("-ffunction-sections", "-w", "-nostdlib", "-Wl,--no-entry", "-Wl,--allow-undefined"),
-    *("-Wl,--strip-all", "-Wl,--gc-sections", "-Wl,-z,stack-size=131072"),
+    *("-ffunction-sections", "-w", "-nostdlib", "-Wl,--no-entry", "-Wl,--strip-all"),
+    *("-Wl,--gc-sections", "-Wl,-z,stack-size=131072", "-Wl,--export=__heap_base"),
 )
 # Names of clang by their versions, the newest first.
 _CLANGS = ("clang", *(f"clang-{version}" for version in range(30, 10, -1)))
@@ -158,13 +158,16 @@ def assembled(name: str, texts: Mapping[str, bytes], functions: Sequence[str]) -
     """
     command = [*compiler(), *_FLAGS, "-I", str(NATIVE / "web"), f"-D{name.upper()}_SINGLY"]
     symbols = ["init_constants", "default_constants", "default_parameters", *functions]
-    exported = [f"{name}_{symbol}" for symbol in symbols]
+    headers = b"".join(text for file, text in texts.items() if file.endswith(".h"))
+    named = [f"{name}_{symbol}" for symbol in symbols]
+    # Laws of what has no rotors make nothing of them.
+    exported = [symbol for symbol in named if symbol.encode() in headers]
 
     def make(output: Path) -> None:
         what = f"{name}: compiling it to WebAssembly, to be kept for the next time"
         with written(texts, output) as files, announced(what):
             sources = map(str, files)
-            exports = (f"-Wl,--export-if-defined={x}" for x in ("__heap_base", *exported))
+            exports = (f"-Wl,--export={symbol}" for symbol in exported)
             compile_file([*command, *exports, *sources, "-o", str(output)], output, command[0])
 
     key = "\n".join([*command, *exported, *(f"{x}\n{y.decode()}" for x, y in texts.items())])
@@ -181,7 +184,7 @@ def compiler() -> tuple[str, ...]:
         asked = [clang, "-print-prog-name=wasm-ld"]
         done = subprocess.run(asked, capture_output=True, text=True, check=False)  # noqa: S603
         if shutil.which(done.stdout.strip()):
-            return clang, "--target=wasm32"
+            return clang, "--target=wasm32", "-Wl,--allow-undefined"
     if find_spec("ziglang"):
         return sys.executable, "-m", "ziglang", "cc", "-target", "wasm32-freestanding"
     raise UsageError(

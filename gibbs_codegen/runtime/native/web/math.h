@@ -8,4 +8,9 @@
 #define copysign __builtin_copysign
 #define NAN __builtin_nan("")
 #define INFINITY __builtin_inf()
-double sin(double), cos(double), atan(double), atan2(double, double), exp(double);
+#define GIVEN(name) __attribute__((import_module("env"), import_name(#name))) double name
+GIVEN(sin)(double);
+GIVEN(cos)(double);
+GIVEN(atan)(double);
+GIVEN(atan2)(double, double);
+GIVEN(exp)(double);
