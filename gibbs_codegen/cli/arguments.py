@@ -19,14 +19,14 @@ from gibbs_codegen.version import __version__
 DISTRIBUTIONS = ("uniform", "normal", "log_uniform", "scaled", "together")
 
 _PLACES = (
-    "a robot file, the name of a robot that ships, or a generated module, given by its folder or "
-    "by its name in generated/"
+    "a robot file, the name of a robot that ships, or a generated module (its folder, or its "
+    "name in generated/)"
 )
-_DERIVES = f"{_PLACES}; if a name is both, the robot that ships is taken"
+_DERIVES = f"{_PLACES}; a robot that ships goes before a module of the same name"
 _SCENARIOS = f"{', '.join(shipped_names('scenarios'))} or a scenario file"
 _USUAL = "default: paper, or hold where the base does not fly freely"
 _LOG = (
-    "a bag of ROS 1 or 2, an MCAP file, a ULog, a folder with tables of one, or a file of a "
+    "a ROS 1 or 2 bag, an MCAP file, a PX4 ULog or a folder of its CSV tables, or a file from a "
     "Crazyflie's memory card"
 )
 _FLIGHT = "a folder that `simulate` wrote, or its flight.npz"
@@ -69,28 +69,28 @@ class Parser(argparse.ArgumentParser):
 def _add_robot(parser: Parser) -> None:
     """Add ROBOT, or --rotors and --links, to a command that derives."""
     parser.add("robot", "ROBOT", _DERIVES, nargs="?")
-    family = "of a member of the paper's family, whose base arms and links are those of its Table 1"
+    family = "for a robot of the paper's family (its Table 1) instead of ROBOT"
     meaning = f"number of rotors, 2 to 256, {family}; requires --links"
     parser.add("--rotors", "N", meaning, type=int)
-    parser.add("--links", "n", "number of links of its arm, 0 to 64; requires --rotors", type=int)
+    parser.add("--links", "n", "number of arm links, 0 to 64; requires --rotors", type=int)
 
 
 def _add_module(parser: Parser) -> None:
     """Add ROBOT to a command that runs a module."""
-    which = "if a name is both, the module is taken; if there is no module, one is generated"
+    which = "a module goes before a robot that ships; where there is no module, one is generated"
     parser.add("robot", "ROBOT", f"{_PLACES}; {which} and not kept")
 
 
 def _add_choice(parser: Parser, meaning: str) -> None:
     """Add --functions and --derivatives to a command; their meaning there has {which} for them."""
     functions = (
-        "the functions of those names and groups (default, dynamics, hybrid, kinematics, energies, "
-        "actuators, constraints, loads, passivity, tip, derivatives, parameters, steps), with what "
-        "they are composed of"
+        "these functions and groups (default, dynamics, hybrid, kinematics, energies, "
+        "actuators, constraints, loads, passivity, tip, derivatives, parameters, steps), and "
+        "the functions that they call"
     )
     derivatives = (
-        "the derivatives of those names, too, or without a name all but the Hessians, which are "
-        "long; the name all stands for every one, none for none"
+        "these derivatives too; without NAME: all but the Hessians, which are long; all: every "
+        "one; none: no derivatives"
     )
     parser.add(
         *("--functions", "NAME,...", meaning.format(which=functions)),
@@ -107,18 +107,19 @@ def _add_choice(parser: Parser, meaning: str) -> None:
 def add_kept(parser: Parser) -> None:
     """Add the options that choose what is generated, which a module keeps."""
     targets = (
-        "numpy, c, rollout, which needs c, cuda, matlab, fmu, or web; fmu:walls,drag names what "
-        "acts in it"
+        "numpy, c, rollout (needs c), cuda, matlab, fmu or web; fmu:walls,drag adds walls and "
+        "drag to the FMU"
     )
-    meaning = f"a target to emit: {targets}; may be repeated (default: numpy and c)"
+    meaning = f"what to write: {targets}; may be repeated (default: numpy and c)"
     parser.add("--target", "TARGET", meaning, action="append")
     parser.add_argument(
         "--all-parameters",
         action=argparse.BooleanOptionalAction,
-        help="keep parameters that are zero in the robot file, so that they can be changed at run "
-        "time",
+        help="keep parameters that are zero in the robot file, so that they can be set at run time",
     )
-    laws = "laws of control, momentum_observer, state_filter and imu_filter, to write in C; or none"
+    laws = (
+        "control laws, momentum_observer, state_filter or imu_filter to write in C; none: no laws"
+    )
     parser.add(
         *("--laws", "NAME,...", laws),
         type=lambda names: [] if names == "none" else names.split(","),
@@ -133,8 +134,8 @@ def _add_json(parser: Parser) -> None:
 def _add_backend(parser: Parser) -> None:
     parser.add(
         *("--backend", None),
-        "back end to compute with; c is compiled once, and replaced by numpy if that is not "
-        "possible",
+        "what computes: c, which is compiled once, or numpy, which also stands in where there "
+        "is no C compiler",
         choices=("numpy", "c"),
         default="c",
     )
@@ -142,16 +143,18 @@ def _add_backend(parser: Parser) -> None:
 
 def _add_changes(parser: Parser, flights: str) -> None:
     """Add --set; `flights` says of which flights."""
-    meaning = f"replace an entry of the scenario{flights}, such as start.offset=[0.2,0,0]; may be"
+    meaning = (
+        f"replace an entry of the scenario{flights}, for example start.offset=[0.2,0,0]; may be"
+    )
     parser.add("--set", "KEY=VALUE", f"{meaning} repeated", action="append", default=[])
 
 
 def _add_names(parser: Parser) -> None:
     parser.add(
         *("--name", "KEY=NAME"),
-        "what LOG calls a coordinate, an input or a command, or one of the topics odometry, "
-        "joints, inputs, imu, actuators of a bag or position, attitude, spin, imu of a ULog; or "
-        "the number at which a joint stands; may be repeated",
+        "the name in LOG of KEY: a coordinate, an input, a command, or a topic (of a bag: "
+        "odometry, joints, inputs, imu, actuators; of a ULog: position, attitude, spin, imu); "
+        "for a joint that stands still, NAME may be its coordinate, a number; may be repeated",
         action="append",
         default=[],
     )
@@ -224,7 +227,7 @@ class _OfAttachment(argparse.Action):
         if self.dest == "attach":
             namespace.attach = [*(namespace.attach or ()), {}]
         elif not namespace.attach:
-            parser.error(f"{option_string} says something of an arm: give --attach ARM before it")
+            parser.error(f"{option_string} describes an attached arm; give --attach ARM before it")
         namespace.attach[-1][self.dest] = values
 
 
@@ -235,42 +238,41 @@ def _generate(parser: Parser) -> None:
     parser.add("--out", "DIR", "folder in which modules are written", default="generated")
     parser.flag(
         "--check",
-        "write nothing, and exit with 1 if the module on disk differs from what would be written",
+        "write nothing; exit with 1 if the module on disk is not up to date",
     )
     parser.flag(
         "--force",
-        "if the module's folder holds files that were not generated, or were changed since, keep "
-        "it under another name instead of refusing",
+        "if the folder of the module holds files of yours or changed files, rename it and go on "
+        "instead of stopping",
     )
-    parser.flag("--no-verify", "write the module without checking its functions first")
+    parser.flag("--no-verify", "write the module without checking its functions")
     parser.flag(
         "--compile",
-        "compile the functions that flights need, side by side, so that the first does not wait "
-        "for them; left out, it does that when it begins",
+        "compile now what flights need; otherwise the first flight compiles it",
     )
 
 
-@_command("show a robot's base, chains, coordinates and motors; on request operation counts")
+@_command("show a robot's base, chains, coordinates, motors and, on request, operation counts")
 def _info(parser: Parser) -> None:
     _add_robot(parser)
     _add_json(parser)
     parser.flag(
         "--operations",
-        "also derive the equations: rows of the hybrid system, which chain fills its entries, and "
-        "the operations of each function, of a module those that it has",
+        "also derive the equations: show the hybrid system's rows, which chain fills each "
+        "entry, and the operations of each function (of a module: those it has)",
     )
-    _add_choice(parser, "as --operations, and count those of {which}")
+    _add_choice(parser, "as --operations, and also count {which}")
 
 
 @_command("print the paper's equations of one chain as text or LaTeX")
 def _show(parser: Parser) -> None:
     _add_robot(parser)
-    meaning = "number of the chain, as `info` lists them (default: 1)"
+    meaning = "number of the chain in `gibbs-codegen info`"
     parser.add("--chain", "J", meaning, type=int, default=1)
     parser.add(
         *("--equation", "E"),
-        "number of an equation: 2 (Gibbs function), 5 (its partial derivatives), 6 (the two "
-        "vectors of a link), 15 (equations of motion) or 18 (places in the hybrid system); may be "
+        "number of an equation of the paper: 2 (Gibbs function), 5 (its partial derivatives), 6 "
+        "(the two vectors of a link), 15 (equations of motion) or 18 (hybrid system); may be "
         "repeated (default: 15 and 18)",
         action="append",
         type=int,
@@ -279,7 +281,7 @@ def _show(parser: Parser) -> None:
     parser.add("--format", None, "how to print the equations", choices=formats, default="text")
 
 
-@_command("compare a module with formulations that share no code with the derivation")
+@_command("compare a module with independent formulations of the dynamics")
 def _verify(parser: Parser) -> None:
     _add_module(parser)
     parser.add("--states", "K", "number of random states to compare at", type=int, default=20)
@@ -301,7 +303,7 @@ def _simulate(parser: Parser) -> None:
     parser.add("--animate", None, meaning, choices=("gif", "mp4"))
 
 
-@_command("fly a scenario under an autopilot, in step with it")
+@_command("fly a scenario under an autopilot (software in the loop)")
 def _sitl(parser: Parser) -> None:
     _add_module(parser)
     autopilots = parser.add_mutually_exclusive_group(required=True)
@@ -313,25 +315,27 @@ def _sitl(parser: Parser) -> None:
         autopilots.add_argument(
             *(f"--{word}",), dest="autopilot", action="store_const", const=word, help=meaning
         )
-    meaning = f"motion of the arm, wind, loads and walls: {_SCENARIOS}"
+    meaning = f"gives the motion of the arm, wind, loads and walls: {_SCENARIOS}"
     parser.add("--scenario", "NAME|FILE", meaning, default="hover")
     parser.add("--out", "DIR", "folder in which the results are written", default="flight")
-    meaning = "seconds to fly in a second at most; 0: as fast as the autopilot follows"
+    meaning = "greatest speed as a multiple of real time; 0: as fast as the autopilot follows"
     parser.add("--speed", "N", meaning, type=_not_negative, default=1)
     parser.add(
         *("--joints", None),
-        "what moves the joints: the scenario, or servo outputs of the autopilot after those of the "
-        "rotors, from -1 to 1 over the limits of each joint",
+        "what moves the joints: the scenario, or the autopilot's servo outputs (after those of "
+        "the rotors; -1 to 1 spans the limits of the joint)",
         choices=("scenario", "autopilot"),
         default="scenario",
     )
-    meaning = "number of the autopilot's instance, which its ports depend on"
+    meaning = "number of the autopilot's instance, which sets its ports"
     parser.add("--instance", "I", meaning, type=int, default=0)
-    meaning = "lines of a time and pulse widths of channels, which Betaflight is told as sticks"
+    meaning = (
+        "stick positions for Betaflight: in each line a time, s, and the channels' pulse widths, µs"
+    )
     parser.add("--sticks", "FILE.csv", meaning)
-    meaning = "address to listen at; other machines reach 0.0.0.0"
+    meaning = "address to listen at; 0.0.0.0 admits other machines"
     parser.add("--host", "ADDRESS", meaning, default="127.0.0.1")
-    meaning = "seconds that the autopilot may be silent, at first as well"
+    meaning = "seconds to wait for the autopilot before giving up"
     parser.add("--timeout", "S", meaning, type=_not_negative, default=30)
     _add_backend(parser)
     _add_changes(parser, "")
@@ -340,81 +344,81 @@ def _sitl(parser: Parser) -> None:
 
 @_command("move robots through many variants of scenarios, and measure every flight")
 def _sweep(parser: Parser) -> None:
-    meaning = f"{_PLACES}, which comes first; of others a module is generated"
+    meaning = f"{_PLACES}; a module goes before a robot that ships; other robots get a module"
     parser.add("robots", "ROBOT", meaning, nargs="+")
-    meaning = f"a scenario: {_SCENARIOS}; may be repeated ({_USUAL}, as the first robot does)"
+    meaning = f"a scenario: {_SCENARIOS}; may be repeated ({_USUAL} of the first robot)"
     parser.add("--scenario", "NAME|FILE", meaning, action="append")
     parser.add(
         *("--vary", "KEY=VALUES"),
-        "what an entry of the scenario takes on: values with commas between them, which cross with "
-        f"those of other keys, or one of {', '.join(DISTRIBUTIONS)} of numbers in brackets, such "
-        "as uniform(0.8,1.2); may be repeated",
+        "values of an entry of the scenario: a list such as 0.1,0.2, which is combined with the "
+        f"lists of other keys, or a distribution ({', '.join(DISTRIBUTIONS)}) such as "
+        "uniform(0.8,1.2); may be repeated",
         action="append",
         default=[],
     )
-    meaning = "how many times numbers are drawn for each combination of values"
+    meaning = "flights for each combination of values, with numbers drawn anew"
     parser.add("--samples", "N", meaning, type=int, default=1)
-    parser.add("--seed", "N", "of what is drawn", type=int, default=0)
+    parser.add("--seed", "N", "seed of the random numbers", type=int, default=0)
     _add_changes(parser, " in all flights")
     parser.add(
         *("--measure", "NAME=SERIES.STATISTIC"),
-        "what is measured of a flight, such as worst=tip_error.max; may be repeated (default: "
-        "worst and last errors of base centre and tip)",
+        "a number to take from each flight, such as worst=tip_error.max; may be repeated "
+        "(default: worst and last errors of base centre and tip)",
         action="append",
         default=[],
     )
-    meaning = "processes that compute (default: one for each processor)"
+    meaning = "number of processes (default: one for each processor)"
     parser.add("--workers", "N", meaning, type=int)
-    meaning = "folder in which the results are kept; the same command goes on with what is there"
+    meaning = "folder for the results; the same command again continues an interrupted sweep"
     parser.add("--out", "DIR", meaning, default="sweep")
     _add_figures(parser, "draw no figures")
 
 
-@_command("find numbers of a robot file from logs, with deviations and what logs cannot tell")
+@_command("estimate parameters of a robot file from logs, with their standard deviations")
 def _identify(parser: Parser) -> None:
     _add_module(parser)
-    meaning = f"{_FLIGHT}, or {_LOG}; several are taken together"
+    meaning = f"{_FLIGHT}, or {_LOG}; several logs are used together"
     parser.add("logs", "LOG", meaning, nargs="*", default=[])
     _add_names(parser)
-    meaning = "seconds of LOG that are taken, such as those in the air (default: all)"
+    meaning = "part of LOG to use, s, such as the time in the air (default: all)"
     parser.add(
         "--between", ("BEGIN", "END"), meaning, type=_number, nargs=2, default=(0.0, math.inf)
     )
     parser.add(
         *("--free", "PATTERN"),
-        "parameters that are free, such as forearm_mass or '*_com_?', and rotors.drag of all "
-        "rotors alike, payload.LINK of a load; may be repeated (default: all but lengths and "
-        "places of frames)",
+        "parameters to estimate, such as forearm_mass or '*_com_?'; rotors.drag is one number "
+        "for all rotors, payload.LINK a load on a link; may be repeated (default: all but "
+        "lengths and places of frames)",
         action="append",
         default=[],
     )
-    meaning = "deviation of numbers from the robot file, as a share (default: 0.3)"
+    meaning = "standard deviation of the robot file's numbers, as a share of each (default: 0.3)"
     parser.add("--prior", "SHARE", meaning, type=_number, default=0.3)
-    meaning = "share of each log, at its end, that is predicted instead (default: 0)"
+    meaning = "share of each log, at its end, kept for testing the predictions (default: 0)"
     parser.add("--hold-out", "SHARE", meaning, type=_not_negative, default=0.0)
     meaning = "folder for robot file and report, which must not exist yet"
     parser.add("--out", "DIR", meaning, default="identified")
     parser.add(
         *("--design", "FILE"),
-        "instead of reading a LOG write a scenario whose motion tells the numbers, and print how "
-        "well it will; FILE must not exist yet",
+        "read no LOG; write a scenario whose motion identifies the parameters, and print the "
+        "expected standard deviations; FILE must not exist yet",
     )
-    meaning = "scenario file of which the design has all but the motion (default: 12 s with an IMU)"
+    meaning = "scenario file with everything but the motion of --design (default: 12 s with an IMU)"
     parser.add("--scenario", "FILE", meaning)
-    meaning = "how far the designed motion takes the base along each axis, m (default: 1)"
+    meaning = "how far the motion of --design takes the base along each axis, m (default: 1)"
     parser.add("--room", "M", meaning, type=_number, default=1.0)
 
 
 @_command("write a flight as a log of ROS 2 or PX4")
 def _log(parser: Parser) -> None:
     parser.add("flight", "FLIGHT", _FLIGHT)
-    meaning = "mcap for a bag of ROS 2, csv for tables of the topics of PX4"
+    meaning = "mcap: a ROS 2 bag; csv: tables of PX4 topics"
     parser.add("--format", None, meaning, choices=("mcap", "csv"), default="mcap")
     meaning = "folder to write, which must not exist yet"
     parser.add("--out", "DIR", meaning, default="log")
 
 
-@_command("make a flight of a log of ROS or PX4, with time series and figures")
+@_command("convert a log of ROS, PX4 or a Crazyflie to a flight, with time series and figures")
 def _replay(parser: Parser) -> None:
     _add_module(parser)
     parser.add("log", "LOG", _LOG)
@@ -422,9 +426,9 @@ def _replay(parser: Parser) -> None:
     _add_names(parser)
     meaning = "samples per second (default: the times of LOG)"
     parser.add("--rate", "HZ", meaning, type=_number)
-    meaning = "keep what is slower, by a filter without delay (default: no filter)"
+    meaning = "cut-off frequency of a low-pass filter without delay (default: no filter)"
     parser.add("--cutoff", "HZ", meaning, type=_number)
-    meaning = "estimate the state as a scenario says, by its sensors: its name or file"
+    meaning = "estimate the state by the sensors and the filter of this scenario"
     parser.add("--estimate", "NAME|FILE", meaning)
     _add_figures(parser, "write the time series only")
 
@@ -432,9 +436,15 @@ def _replay(parser: Parser) -> None:
 @_command("show a robot or a flight in the browser, live or as one file")
 def _view(parser: Parser) -> None:
     parser.add("what", "ROBOT|FLIGHT", f"a robot, as for `simulate`; or {_FLIGHT}")
-    meaning = "write one file that any browser opens without a request, instead of serving"
+    meaning = "write one self-contained HTML file instead of starting a server"
     parser.add("--html", "FILE", meaning)
-    parser.add("--port", "P", "port of the server, or the next free one", type=_port, default=8080)
+    parser.add(
+        "--port",
+        "P",
+        "port of the server; if it is taken, the next free one",
+        type=_port,
+        default=8080,
+    )
     parser.flag("--no-browser", "do not open the browser")
 
 
@@ -455,90 +465,91 @@ def _new(parser: Parser) -> None:
     parser.add("file", "ROBOT.toml", "robot file to write, which must not exist yet")
     parser.flag(
         "--placed",
-        "place rotors by radius, azimuth and tilt, and joints by positions and axes; without it "
-        "the base has rods with a rotor at the end of each, and links have Denavit-Hartenberg "
-        "parameters, as in the paper",
+        "give rotors by radius, azimuth and tilt, and joints by position and axis (default, as "
+        "in the paper: rods with a rotor at each end, and Denavit-Hartenberg parameters)",
     )
     meaning = "number of rotors (default: 4 with --placed, else 6)"
     parser.add("--rotors", "N", meaning, type=int)
-    meaning = "begin with its file: ur5e, an arm that is held, rover_arm, on wheels, or another"
+    meaning = (
+        "copy the file of a robot that ships, such as ur5e (an arm with a fixed base) or "
+        "rover_arm (wheels)"
+    )
     parser.add("--like", "ROBOT", meaning)
 
 
-@_command("write a robot file from a robot in URDF, xacro, MJCF or SDF, or join arms to a drone")
+@_command("write a robot file from URDF, xacro, MJCF or SDF, or attach arms to a drone")
 def _import(parser: Parser) -> None:
     extras = "xacro needs the extra xacro, and MJCF the extra mujoco"
-    also = "with --attach also a robot file, or the name of a robot that ships"
+    also = "with --attach also a robot file or the name of a robot that ships"
     parser.add("file", "FILE", f"a .urdf, .xacro, .xml or .sdf file; {extras}; {also}")
     meaning = "value of an <xacro:arg> of FILE, such as mass:=2.0"
     parser.add("arguments", "NAME:=VALUE", meaning, nargs="*")
     parser.takes_named = True
     parser.add(
         *("--attach", "ARM"),
-        "file of an arm, as FILE may be, that is joined to the robot: its root becomes part of "
-        "what carries it; may be repeated, each with --on, --xyz, --rpy_deg and --prefix after it",
+        "file of an arm (a kind that FILE may be) to fix to the robot; may be repeated, each "
+        "with its --on, --xyz, --rpy_deg and --prefix after it",
         action=_OfAttachment,
     )
-    meaning = "link or frame that carries the arm (default: the base)"
+    meaning = "link or frame that the arm is fixed to (default: the base)"
     parser.add("--on", "LINK", meaning, action=_OfAttachment)
-    meaning = "place of the arm's root in the frame of LINK, m (default: 0 0 0)"
+    meaning = "position of the arm's root in the frame of LINK, m (default: 0 0 0)"
     parser.add("--xyz", ("X", "Y", "Z"), meaning, action=_OfAttachment, nargs=3, type=_number)
-    meaning = "roll, pitch and yaw of the arm's root there, as in URDF, degrees (default: 0 0 0)"
+    meaning = (
+        "roll, pitch and yaw of the arm's root in that frame, as in URDF, degrees (default: 0 0 0)"
+    )
     parser.add("--rpy_deg", ("R", "P", "Y"), meaning, action=_OfAttachment, nargs=3, type=_number)
-    meaning = "what comes before the names of the arm's links, joints and frames, such as left_"
+    meaning = "prefix for the names of the arm's links, joints and frames, such as left_"
     parser.add("--prefix", "NAME_", meaning, action=_OfAttachment)
     parser.add(
         *("--rotors", "ROTORS"),
-        "file that says where the rotors are, in place of those found: [[rotor]] tables in TOML as "
-        "in a robot file, `on` a link of FILE; or a platform of eagle_mpc in YAML",
+        "file with the rotors, which replace those found in FILE: TOML with [[rotor]] tables as "
+        "in a robot file (`on` is a link of FILE), or a platform file of eagle_mpc in YAML",
     )
     parser.add(
         *("--command", None),
-        "what motors of Gazebo in FILE are commanded: a thrust (default) or, as there, a speed, "
-        "with time constants of speeding up and slowing down and the drag of the hub",
+        "command of Gazebo motors in FILE: a thrust (default), or a speed as in Gazebo, with "
+        "their time constants and hub drag",
         choices=("thrust", "speed"),
     )
     parser.add(
         *("--attitude", "WORD"),
-        "what describes the attitude of the base: quaternion (default), or a sequence of angles "
-        "such as xyz",
+        "attitude of the base: quaternion (default), or a sequence of angles such as xyz",
     )
     parser.add(
         *("--base", "MOTION|LINK"),
-        "what moves of the base: free, fixed, planar, upright, or a list such as x,z,pitch "
-        "(default: as FILE says, else free); or the link that is to be the base (default: the root "
-        "of FILE); may be given twice, for both",
+        "motion of the base: free, fixed, planar, upright, or a list such as x,z,pitch "
+        "(default: that of FILE, else free); or the name of the base link (default: the root of "
+        "FILE); may be given twice, for both",
         action="append",
         default=[],
     )
-    meaning = "robot file to write (default: the robot's name and .toml)"
+    meaning = "robot file to write (default: NAME.toml)"
     parser.add("--out", "ROBOT.toml", meaning)
-    meaning = "hold a joint fast, at 0 or at VALUE in rad or m; may be repeated"
+    meaning = "fix a joint at 0 or at VALUE, rad or m; may be repeated"
     parser.add("--lock", "JOINT[=VALUE]", meaning, action="append", default=[])
     parser.flag(
         "--no-snap",
-        "keep angles as they are, even within 2e-5 rad of a multiple of 15 degrees, and numbers "
-        "that are rounding",
+        "keep all digits; otherwise angles within 2e-5 rad of a multiple of 15 degrees become "
+        "that multiple, and rounding errors become 0",
     )
-    parser.flag("--friction", "take the dry friction of joints, which is left out otherwise")
+    parser.flag("--friction", "import the dry friction of joints")
     parser.flag("--force", "replace ROBOT.toml if it exists")
 
 
-@_command("write a robot in URDF, MJCF or SDF, or parameters for an autopilot")
+@_command("write a robot as URDF, MJCF or SDF, or as parameters of an autopilot")
 def _export(parser: Parser) -> None:
     parser.add("robot", "ROBOT", _DERIVES)
     kinds = ("urdf", "mjcf", "sdf", "px4", "ardupilot")
     parser.add("--format", None, "format of the file", choices=kinds, required=True)
-    meaning = (
-        "file to write (default: the robot's name and .urdf, .xml, .sdf or .param, or after 22000_)"
-    )
+    meaning = "file to write (default: NAME.urdf, .xml, .sdf or .param; for PX4 22000_NAME)"
     parser.add("--out", "FILE", meaning)
     parser.flag("--force", "replace FILE if it exists")
 
 
-@_command("print the JSON schema of robot or scenario files, with which editors complete keys")
+@_command("print the JSON schema of robot or scenario files, for completion in editors")
 def _schema(parser: Parser) -> None:
-    parser.add("file", None, "kind of file that the schema is for", choices=("robot", "scenario"))
+    parser.add("file", None, "kind of file", choices=("robot", "scenario"))
 
 
 def argument_parser() -> Parser:

@@ -508,11 +508,11 @@ def test_of_a_name_that_is_both_the_help_says_which_is_taken(tmp_path: Path) -> 
     assert "gravity = 3.71" in (tmp_path / "other.toml").read_text()
     assert run("generate", "other.toml", cwd=tmp_path).returncode == 0
     taken = {
-        "info": "the robot that ships is taken",
-        "show": "the robot that ships is taken",
-        "generate": "the robot that ships is taken",
-        "verify": "the module is taken",
-        "simulate": "the module is taken",
+        "info": "a robot that ships goes before a module",
+        "show": "a robot that ships goes before a module",
+        "generate": "a robot that ships goes before a module",
+        "verify": "a module goes before a robot that ships",
+        "simulate": "a module goes before a robot that ships",
     }
     for command, words in taken.items():
         assert words in " ".join(run(command, "--help", cwd=tmp_path).stdout.split())

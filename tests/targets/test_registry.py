@@ -53,11 +53,11 @@ def test_help_names_every_target(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["generate", "--help"])
     said = " ".join(capsys.readouterr().out.split())
-    told = said[said.index("a target to emit: ") :].split(";")[0]
-    named = re.sub(r", which needs \w+", "", told.removeprefix("a target to emit: "))
-    assert re.split(r", or |, ", named) == [*TARGETS]
+    listed = said[said.index("what to write: ") :].split(";")[0]
+    named = re.sub(r" \(needs \w+\)", "", listed.removeprefix("what to write: "))
+    assert re.split(r" or |, ", named) == [*TARGETS]
     needing = [name for name, target in TARGETS.items() if target.needs]
-    assert all(f"{name}, which needs {TARGETS[name].needs[0]}" in told for name in needing)
+    assert all(f"{name} (needs {TARGETS[name].needs[0]})" in listed for name in needing)
 
 
 @pytest.mark.slow
