@@ -152,10 +152,9 @@ class SingularRobotError(GibbsCodegenError):
         what = "; ".join(listed)
         if ill_conditioned:
             super().__init__(
-                f"{robot}: the mass matrix is ill-conditioned: the inertia that {what} moves is so "
-                "small beside the rest that rounding hides it, and double precision cannot "
-                "determine the acceleration; give what it moves more mass or inertia, or the rest "
-                "less"
+                f"{robot}: the mass matrix is ill-conditioned: the inertia that {what} moves is "
+                "lost in the rounding of the rest, so its acceleration is not determined; give "
+                "what it moves more mass or inertia, or the rest less"
             )
             return
         noun = "degree" if len(self.motions) == 1 else "degrees"
@@ -225,8 +224,8 @@ class MissingFunctionError(UsageError, AttributeError):
         python = ", ".join(f"{option}=[{words}]" for option, words in listed.items())
         lacks = ", ".join([*missing[:3], *([f"{len(missing) - 3} more"] if missing[3:] else [])])
         super().__init__(
-            f"{module}: has no {lacks}, generated on request only: gibbs-codegen "
-            f"generate {module} {flags}, or {python} in Python"
+            f"{module}: has no {lacks}, which a module has on request only; run gibbs-codegen "
+            f"generate {module} {flags}, or give {python} in Python"
         )
 
 
@@ -242,7 +241,7 @@ class WrongModuleError(GibbsCodegenError):
         super().__init__(
             f"{robot}: the emitted functions fail {len(self.failures)} of {count} checks, so "
             f"nothing was written: {shown}{more}. Please report this with the robot file; "
-            "--no-verify (verify=False in Python) writes the module all the same"
+            "--no-verify (verify=False in Python) writes the module anyway"
         )
 
 

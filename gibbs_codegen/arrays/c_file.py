@@ -93,8 +93,8 @@ def c_files(
     for function in functions:
         if unknown := sorted(externals_of(function.program) - _EXTERNALS):
             raise UsageError(
-                f"{function.program.name}: {', '.join(unknown)} is external, and there is no C of "
-                "it; make the program of other nodes, or give its values as inputs"
+                f"{function.program.name}: {', '.join(unknown)} is written by hand and has no C; "
+                "use other nodes, or give its values as inputs"
             )
     above = "".join(f"/* {line} */\n" for line in opening)
     header, source = _header(robot, stem, words, functions), _source(robot, stem, functions)
@@ -131,9 +131,7 @@ def write_c(
         for name, x in _values(program).items()
     }
     if program.name in _OF_MODULES:
-        raise UsageError(
-            f"{program.name}: a module has a file of that name; give the program another one"
-        )
+        raise UsageError(f"{program.name}: a module has a file of that name; rename the program")
     stem = f"{robot.name}_{program.name}"
     words = words or f"The array program {program.name}."
     made = [CFunction(program, words, explained=explained)]

@@ -872,9 +872,8 @@ def _check_names(program: Program) -> None:
     ]
     if wrong:
         raise UsageError(
-            f"{program.name}: in C nothing can be called {', '.join(map(repr, wrong))}; give the "
-            "program, its inputs and outputs names of letters, digits and underscores that C and "
-            "the text around it do not use"
+            f"{program.name}: C cannot use the name {', '.join(map(repr, wrong))}; use letters, "
+            "digits and underscores, and no word of C or of the text around the program"
         )
 
 

@@ -56,6 +56,4 @@ def check_distinct(programs: Iterable[Program]) -> None:
     """Raise `UsageError` for different programs of one name: text has one function per name."""
     names = [program.name for program in dict.fromkeys(programs)]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise UsageError(
-            f"two programs are called {' and '.join(twice)}; each needs a name of its own"
-        )
+        raise UsageError(f"two programs are called {' and '.join(twice)}; rename one of them")

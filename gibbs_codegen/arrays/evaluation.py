@@ -411,9 +411,7 @@ def _array(xp: Any, inputs: Mapping[str, Any], name: str, x: Node) -> Any:
     """An input, of whose axes the last are those of one state."""
     array = xp.asarray(inputs[name])
     if array.shape[array.ndim - len(x.shape) :] != x.shape or array.ndim < len(x.shape):
-        raise UsageError(
-            f"{name} has the shape {array.shape}, where {x.shape} should be the last axes"
-        )
+        raise UsageError(f"{name} has the shape {array.shape}; its last axes must be {x.shape}")
     return array
 
 

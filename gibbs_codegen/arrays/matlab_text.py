@@ -323,8 +323,8 @@ def write_matlab(
     """
     if unknown := sorted(externals_of(program)):
         raise UsageError(
-            f"{program.name}: {', '.join(unknown)} is external, and there is no MATLAB of it; make "
-            "the program of other nodes, or give its values as inputs"
+            f"{program.name}: {', '.join(unknown)} is written by hand and has no MATLAB; use "
+            "other nodes, or give its values as inputs"
         )
     path = Path(folder) / f"{robot.name}_{program.name}.m"
     called = replace(program, name=path.stem)
@@ -332,9 +332,11 @@ def write_matlab(
     check_distinct(text.programs)
     for name in (*called.names, *called.outputs):
         if name in text.reserved or name.startswith("_"):
-            raise UsageError(f"{program.name}: {name} is no name of a variable in MATLAB")
+            raise UsageError(f"{program.name}: MATLAB cannot name a variable {name}; rename it")
     if both := sorted({*called.names} & {*called.outputs}):
-        raise UsageError(f"{program.name}: {both[0]} is the name of an input and of an output")
+        raise UsageError(
+            f"{program.name}: an input and an output are both called {both[0]}; rename one of them"
+        )
     owners = owners_of(called)
     constants = dict(zip(owners, text.constants(called), strict=True))
     least = len(called.inputs)

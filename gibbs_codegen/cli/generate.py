@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
         )
     print(words)
     if options.repeats:
-        print(f"as before, with {options.repeats}")
+        print(f"with the module's earlier options: {options.repeats}")
     for line in balance_lines(robot):
         print(textwrap.fill(line, terminal.width(), subsequent_indent="  "))
     if warning := lopsided(robot):
@@ -80,7 +80,9 @@ def _compile(folder: Path) -> int:
         if compiled := getattr(load(folder, "c"), "compiled", None):
             with compiled.built():
                 pass
-            print(f"compiled for flights in {time.perf_counter() - start:.1f} s, and kept")
+            print(
+                f"compiled for flights in {time.perf_counter() - start:.1f} s; the cache keeps it"
+            )
         return int(not compiled)
     except (CompilerError, CacheError) as error:
         print(f"gibbs-codegen: nothing is compiled: {printable(error, 400)}", file=sys.stderr)
@@ -102,7 +104,7 @@ def _repeat(options: argparse.Namespace, kept: str) -> None:
     if gone := [name for name in taken.target or () if not _is_known(name)]:
         print(
             f"The module was generated with --target {' --target '.join(map(printable, gone))}, "
-            "which this version does not have; it goes on without.",
+            "which this version does not have; the module is written without it.",
             file=sys.stderr,
         )
         taken.target = [name for name in taken.target if _is_known(name)]

@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> int:
     check_new(place)
     check_given(options.logs, options.prior, options.hold_out)
     if bool(options.logs) == bool(options.design):
-        raise UsageError("give a LOG to identify from, or --design FILE for a motion that tells")
+        raise UsageError("no LOG given; give one, or design a motion with --design FILE")
     if not options.room > 0.0:
         raise UsageError(f"--room must be above 0, but is {options.room:g}")
     # What a load changes, and places of frames, may be 0 in the file.
@@ -66,6 +66,6 @@ def run(options: argparse.Namespace) -> int:
         has = f"has {module.NAME}.toml, report.html" if settled else "has report.html alone"
     print(f"{made.text()}\n{printable(place)}: {has}")
     if not settled:
-        words = f"{module.NAME}: the fit did not settle, so no robot file is written"
+        words = f"{module.NAME}: the fit did not converge, so no robot file is written"
         print(f"{words}; the report begins with what to do", file=sys.stderr)
     return int(not settled)

@@ -58,9 +58,7 @@ def run(options: argparse.Namespace) -> int:
         is_link = motion is None or wanted.motion is not None
         key, value = ("base", word) if is_link else ("motion", motion)
         if getattr(wanted, key):
-            raise UsageError(
-                f"--base {printable(word, 60)}: give one link, and one motion, at most"
-            )
+            raise UsageError(f"--base {printable(word, 60)}: give at most one link and one motion")
         wanted = replace(wanted, **{key: value})
     wanted = replace(wanted, friction=options.friction, command=options.command or wanted.command)
     pairs = [word.partition(":=") for word in options.arguments]
@@ -74,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
         _check_robot_file(path, options)
     robot, findings = joined(path, wanted, arms)
     if options.attitude and not robot.base.moves_freely:
-        words = "--attitude is of a base that moves freely, as by --base free"
+        words = "--attitude needs a base that moves freely (--base free)"
         raise UsageError(f"{words}; the motion of this one is {shown_motion(robot.base.motion)}")
     files = " and ".join([path.name, *(arm.file.name for arm in arms)])
     text = opening_comment(files, findings) + robot_text(robot)
@@ -110,11 +108,13 @@ def _attachment(options: dict[str, Any]) -> Attachment:
 def _check_robot_file(path: Path, options: argparse.Namespace) -> None:
     """Refuse what is of other formats: a robot file has its attitude, base and rotors."""
     if not options.attach:
-        raise UsageError(f"{printable(path)}: is a robot file already; --attach joins arms to it")
+        raise UsageError(
+            f"{printable(path)}: this is a robot file already; give --attach to attach an arm to it"
+        )
     for name in ("rotors", "attitude", "lock", "base", "command", "arguments"):
         if getattr(options, name):
             word = "NAME:=VALUE" if name == "arguments" else f"--{name}"
-            raise UsageError(f"{word}: change {printable(path)} itself, which is a robot file")
+            raise UsageError(f"{word}: {printable(path)} is a robot file; change the file itself")
 
 
 def _check(

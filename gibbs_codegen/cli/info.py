@@ -264,7 +264,9 @@ def _print_actuators(robot: Robot, console: Console) -> None:
             values = (_listed(x if isinstance(x, tuple) else (x,)) for x in keys.values())
             text = "; ".join(map(" ".join, zip(keys, values, strict=True)))
             alike.setdefault((what, text), []).append(name)
-    told = "; max_thrust and thrust_constant as thrust_curve" * any("_curve" in x for _, x in alike)
+    told = "; max_thrust and thrust_constant are shown as thrust_curve" * any(
+        "_curve" in x for _, x in alike
+    )
     if alike:
         console.print(f"\nActuators, by the keys of the robot file (SI units){told}")
     for (what, text), names in alike.items():
@@ -482,7 +484,7 @@ def _print_pattern(data: dict[str, Any], console: Console) -> None:
     if 5 + room + len(unknowns) * (width + 1) > console.width:
         console.print(f"\nHybrid matrix: wider than {console.width} columns; --json shows it")
         return
-    lines = ["\nHybrid matrix: which chain fills an entry (Σ: several, ·: none in any posture)"]
+    lines = ["\nHybrid matrix: which chain fills each entry (Σ: several; ·: zero in every posture)"]
     for row, entries in zip(unknowns, data["hybrid_pattern"], strict=True):
         marks = []
         for chains in entries:
@@ -509,10 +511,12 @@ def _print_arrangement(motors: dict[str, Any], console: Console) -> None:
         least, most = motors["ranks_in_motion"]
         ranks = f"{least} to {most}" if most > least else str(most)
         console.print(
-            f"This is with the joints at zero. They move rotors {', '.join(moved)}; elsewhere the "
-            f"rank is {ranks}."
+            f"These values hold with the joints at zero. Joints move rotors {', '.join(moved)}; "
+            f"elsewhere the rank is {ranks}."
         )
     varied, names = "nothing" if motors["rank"] == 6 else "the attitude", ", ".join(motors["free"])
-    console.print(f"`trim` varies {varied}, or what `free` names of: {names}", markup=False)
+    console.print(
+        f"`trim` varies {varied}; its argument `free` may name any of {names}", markup=False
+    )
     if motors["tilt_hint"]:
         console.print(f"Hint: {motors['tilt_hint']['text']}")

@@ -20,7 +20,7 @@ def run(options: argparse.Namespace) -> int:
     path = Path(options.file)
     name = name_from(path.stem)
     if options.like and (options.placed or options.rotors is not None):
-        raise UsageError("--like: begins with a whole file; leave --placed and --rotors out")
+        raise UsageError("--like copies a whole file; leave out --placed and --rotors")
     rotors = (4 if options.placed else 6) if options.rotors is None else options.rotors
     if options.like:
         _, text = find_robot(options.like)

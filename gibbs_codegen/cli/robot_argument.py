@@ -64,7 +64,8 @@ def find_robot(word: str) -> tuple[Robot, str]:
     module, file = os.path.join("generated", word), f"{word}.toml"
     if not os.path.isdir(word) and os.path.isdir(module) and os.path.isfile(file):
         raise UsageError(
-            f"{word}: could be the robot file {file} or the module {module}; give that path"
+            f"{word}: both a robot file ({file}) and a module ({module}) match; give one of "
+            "these paths"
         )
     for folder in (word, os.path.join("generated", word)):
         if os.path.isfile(file := os.path.join(folder, "robot.toml")):

@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
     for (begin, end), what in zip(times, flight.binding, strict=False):
         print(f"  {begin:7.3f} to {end:7.3f} s: {what}")
     if more := len(flight.binding) - len(times):
-        print(f"  and {more} more: `binding` of {printable(options.out)}/flight.npz has all")
+        print(f"  and {more} more: see `binding` in {printable(options.out)}/flight.npz")
     if flight.stopped:
         print(f"gibbs-codegen: the {what} ended early: {flight.stopped}", file=sys.stderr)
         return 1
@@ -108,7 +108,7 @@ def print_events(flight: Flight, walls: Sequence[Wall]) -> None:
     for words in (*flight.hold_summaries, *impacts[:_MOST_IMPACTS]):
         print(printable(words, 400))
     if more := len(impacts[_MOST_IMPACTS:]):
-        print(f"and {more} more impacts: `impacts` of the flight has all")
+        print(f"and {more} more impacts: see `impacts` of the flight")
     if collisions := collisions_of(flight):
         print(f"collisions: {printable(collisions, 400)}")
     if limits := reached_limits(flight):
@@ -130,8 +130,8 @@ def _unreached(flight: Flight, control: Control) -> str:
     if most >= _REACHED * push.value:
         return ""
     return (
-        f"{printable(frame)} was to push with {push.value:.3g} N, but feels {most:.3g} N at most; "
-        "put its path nearer to the wall, or let it fly for longer"
+        f"{printable(frame)} should push with {push.value:.3g} N but reaches at most {most:.3g} N; "
+        "move its path nearer to the wall, or fly longer"
     )
 
 
@@ -172,8 +172,8 @@ def _battery(flight: Flight) -> str:
     lasts = f"{flight.time[-1] / used / 60.0:.3g} min" if used > 0.0 else "for ever"
     return (
         f"battery: {100.0 * charge[0]:.4g} to {100.0 * charge[1]:.4g} %, at least "
-        f"{voltage.min():.4g} V, at most {current.max():.4g} A and {max(voltage * current):.4g} W; "
-        f"a full one lasts {lasts} like this"
+        f"{voltage.min():.4g} V, at most {current.max():.4g} A and {max(voltage * current):.4g} "
+        f"W; a full battery lasts {lasts} at this power"
     )
 
 
@@ -188,7 +188,7 @@ def estimation(flight: Flight) -> str:
     inside = np.mean(np.abs(off) <= 2.0 * spread)
     pairs = zip(flight.innovation_names, flight.innovations.T, strict=True)
     innovations = [f"{name} {np.mean(x[x >= 0.0]):.2g}" for name, x in pairs if np.any(x >= 0.0)]
-    words = f"; mean squares of innovations, of 1 expected: {', '.join(innovations)}"
+    words = f"; mean squared innovations (1 expected): {', '.join(innovations)}"
     return (
         f"estimates are off by {', '.join(sizes)} (RMS), {100.0 * inside:.3g} % by at most two "
         f"deviations{words if innovations else ''}"

@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
     if not 0.0 < options.timeout <= 86400.0:
         raise UsageError(f"--timeout: must be above 0 and at most a day, not {options.timeout:g} s")
     if options.sticks and options.autopilot != "betaflight":
-        raise UsageError("--sticks: only Betaflight's SITL is told sticks")
+        raise UsageError("--sticks: only --betaflight takes stick positions; leave it out")
     scenario = read_scenario(options.scenario, changes_of(options.set))
     check_results(options.out, "")
 
@@ -95,6 +95,8 @@ def _sticks(path: str) -> Sticks:
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
-        words = cause_of(error) if isinstance(error, OSError) else "is no text in UTF-8"
+        words = (
+            cause_of(error) if isinstance(error, OSError) else "is not UTF-8 text; save it as UTF-8"
+        )
         raise UsageError(f"--sticks: {printable(path)}: {words}") from None
     return sticks_of(text, f"--sticks: {printable(path)}")

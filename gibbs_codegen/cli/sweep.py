@@ -70,8 +70,8 @@ def run(options: argparse.Namespace) -> int:
                 workers=options.workers,
             )
         except KeyboardInterrupt:
-            state = f"interrupted when {100.0 * done:.0f} % were done, which {options.out} keeps"
-            again = "the same command goes on from there"
+            state = f"interrupted with {100.0 * done:.0f} % done; {options.out} keeps them"
+            again = "repeat the command to continue"
             print(f"gibbs-codegen: {printable(state, 400)}; {again}", file=sys.stderr)
             return 130
     seconds = time.perf_counter() - start
@@ -94,7 +94,7 @@ def varied(text: str, key: str) -> Any:
     if name not in DISTRIBUTIONS:
         raise UsageError(f"{shown}: {name} is not one of {', '.join(DISTRIBUTIONS)}")
     if inner.count("(") > _MOST_INNER:
-        raise UsageError(f"{shown}: more brackets in brackets than mean anything")
+        raise UsageError(f"{shown}: too many nested brackets")
     arguments = [varied(inner, key)] if "(" in inner else _values(inner)
     try:
         return getattr(cases, name)(*arguments)
@@ -146,7 +146,7 @@ def print_study(study: Study, seconds: float) -> None:
     print(
         f"{printable(study.folder)}: {len(study.table)} cases in {seconds:.1f} s: "
         f"{len(study.whole)} flights to the end, {early} ended early, {failed} failed"
-        + (f"; of {unmeasured} flights a measure could not be taken" if unmeasured else "")
+        + (f"; {unmeasured} flights have no value of some measure" if unmeasured else "")
     )
     _print_reasons("ended early", study, "stopped")
     _print_reasons("failed", study, "failed")
@@ -189,7 +189,7 @@ def _print_reasons(what: str, study: Study, column: str) -> None:
         if column != "unmeasured":  # A command that flies it again does not measure it.
             print(f"    {study.command(first['case'])}")
     if more := frequent[_MOST_REASONS:]:
-        print(f"  {what}, {sum(count for _, count in more)} for other reasons, which table.csv has")
+        print(f"  {what}, {sum(count for _, count in more)} for other reasons; see table.csv")
 
 
 def _print_sensitivities(study: Study, console: Console) -> None:

@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> int:
                 )
                 print(shortened + verdict)
             if passed and not is_kept:
-                print("(the module was generated for this and is not kept)")
+                print("(the module was generated for this check and is not kept)")
     if passed:
         return 0
     lines = [f"back end {b} was asked for: {checked.not_done[f'back end {b}']}" for b in lacking]

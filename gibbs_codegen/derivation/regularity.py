@@ -102,8 +102,8 @@ def check_range(robot: Robot, program: ScalarProgram, defaults: Mapping[str, flo
     furthest = sorted(sizes, key=sizes.__getitem__, reverse=True)[:2]
     shown = " and ".join(f"{name} = {defaults[name]:g}" for name in furthest)
     raise UsageError(
-        f"{robot.name}: its accelerations overflow, or are lost in rounding, with {shown}; "
-        "bring masses and lengths nearer to each other"
+        f"{robot.name}: accelerations overflow or vanish in rounding, with {shown}; give masses "
+        "and lengths of more similar size"
     )
 
 

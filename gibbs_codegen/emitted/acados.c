@@ -1,7 +1,7 @@
 /*
- * Discrete dynamics as acados calls them: vectors of BLASFEO come and go, and derivatives by what is
- * sent, u, and then by x are transposed, as matrices row by row are for BLASFEO already. Before it
- * stand NX and NU, MODULE(name), and `constants_at`, the constants for parameters p of a stage.
+ * Discrete dynamics as acados calls them. Arguments are BLASFEO vectors; the derivatives by (u, x)
+ * are transposed, which row-major matrices are for BLASFEO already. The text before defines NX, NU,
+ * MODULE(name), and `constants_at`, the constants for the parameters p of a stage.
  */
 static void taken(void **in, double *x, double *u)
 {

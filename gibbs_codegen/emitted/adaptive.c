@@ -3,18 +3,19 @@
  * errors are estimated by orders 5 and 3, with dense output of order 7 (DOP853: Hairer, Norsett and
  * Wanner, Solving Ordinary Differential Equations I, section II.5 and table II.5.2).
  *
- * Before it stand `take_end`, `ranges.c` and `flow.c`.
+ * The text before defines `take_end` and includes `ranges.c` and `flow.c`.
  */
 enum { STAGES = 12, ALL_STAGES = 16, POWERS_OF_PATH = 7 };
-/* Knots at which steps end before one across a knot is tried again. */
+/* Number of knots that steps end at before a step across a knot is tried again. */
 enum { MOST_STOPS = 64 };
-/* Times of stages as shares of a step: it ends at the thirteenth, others are for the path. */
+/* Times of stages as shares of a step, which ends at the thirteenth; the others are for dense
+ * output. */
 static const double NODES[ALL_STAGES] = {
     0, 0.05260015195876773, 0.0789002279381516, 0.1183503419072274, 0.2816496580927726,
     0.3333333333333333, 0.25, 0.3076923076923077, 0.6512820512820513, 0.6, 0.8571428571428571, 1.0,
     1.0, 0.1, 0.2, 0.7777777777777778};
 
-/* Weights of the stages before: one for the second stage, two for the third, and so on. */
+/* Weights of the earlier stages: one for the second stage, two for the third, and so on. */
 static const double WEIGHTS[ALL_STAGES * (ALL_STAGES - 1) / 2] = {
     0.05260015195876773, 0.0197250569845379, 0.0591751709536137, 0.02958758547680685, 0,
     0.08876275643042054, 0.2413651341592667, 0, -0.8845494793282861, 0.924834003261792,
@@ -38,14 +39,14 @@ static const double WEIGHTS[ALL_STAGES * (ALL_STAGES - 1) / 2] = {
     0, 0, -4.697621415361164, 7.683421196062599, 4.06898981839711, 0.3567271874552811, 0, 0, 0,
     -0.0013990241651590145, 2.9475147891527724, -9.15095847217987};
 
-/* Of the estimates of the error by order 5, and by order 3. */
+/* Weights of the error estimates of order 5 and of order 3. */
 static const double ERRORS[2][STAGES] = {
     {0.01312004499419488, 0, 0, 0, 0, -1.2251564463762044, -0.4957589496572502, 1.6643771824549864,
     -0.35032884874997366, 0.3341791187130175, 0.08192320648511571, -0.022355307863886294},
     {-0.18980075407240762, 0, 0, 0, 0, 4.450312892752409, 1.8915178993145003, -5.801203960010585,
     -0.4226823213237919, -0.1521609496625161, 0.20136540080403034, 0.02265179219836082}};
 
-/* Of the last four coefficients of the path through a step. */
+/* Weights of the last four coefficients of dense output. */
 static const double PATHS[4][ALL_STAGES] = {
     {-8.428938276109013, 0, 0, 0, 0, 0.5667149535193777, -3.0689499459498917, 2.38466765651207,
     2.117034582445028, -0.871391583777973, 2.2404374302607883, 0.6315787787694688,
@@ -64,9 +65,9 @@ typedef struct {
     const void *const *given;
     Flow *flow;
     const Leg *leg;
-    const double *scale; /* of absolute tolerances [STATE] */
+    const double *scale; /* absolute tolerances [STATE] */
     double before[STATE], after[STATE], stages[ALL_STAGES][STATE], path[POWERS_OF_PATH][STATE];
-    double inside; /* more than 0 where no input is at a limit, at the last evaluation */
+    double inside; /* above 0 if no input was at a limit in the last evaluation */
 } Solver;
 
 /* A stage of a step of `h` s. Returns whether it is refused. */
@@ -86,7 +87,7 @@ static int take_stage(Solver *s, const int stage, const double time, const doubl
         &s->inside);
 }
 
-/* The estimated error of a step, in units of what is tolerated. */
+/* The estimated error of a step, divided by its tolerance. */
 static double error_of(const Solver *s, const int rough, const double h)
 {
     double squares[2] = {0.0, 0.0};
@@ -112,12 +113,12 @@ static double next_knot(const Flow *flow, const double time)
     if (flow->piece <= 0.0) {
         return INFINITY;
     }
-    /* A time but for rounding at a knot is there. */
+    /* A time that differs from a knot only by rounding is at the knot. */
     const double pieces = floor((time - flow->begin) / flow->piece + 1e-6) + 1.0;
     return flow->begin + pieces * flow->piece;
 }
 
-/* Find a step whose error is tolerated, and its size. Returns 0, or why there is none. */
+/* Find a step within tolerance, and its size. Returns 0, or why there is none. */
 static int find_step(Solver *s, const int rough, double *h)
 {
     Flow *const flow = s->flow;
@@ -139,7 +140,7 @@ static int find_step(Solver *s, const int rough, double *h)
             }
         }
         const double error = error_of(s, rough, *h);
-        /* Where the error is no number, the step is as short as it may become. */
+        /* If the error is NaN, the step shrinks as far as one attempt allows. */
         double factor = error > 0.0 ? 0.9 * pow(error, -0.125) : most;
         factor = factor < most ? factor : most;
         if (error < 1.0) {
@@ -158,7 +159,7 @@ static int find_step(Solver *s, const int rough, double *h)
     }
 }
 
-/* Find the path through a step of `h` s. Returns whether a stage of it is refused. */
+/* Compute dense output for a step of `h` s. Returns whether a stage is refused. */
 static int find_path(Solver *s, const double h)
 {
     double after[STATE];
@@ -199,7 +200,7 @@ static void state_on_path(const Solver *s, const double share, double *x)
     }
 }
 
-/* Whether a flight cannot go on from a state; no number is not 0 or less. */
+/* Whether a flight cannot continue from a state; NaN counts as positive. */
 static int ends_at(const Solver *s, const double time, const double *x)
 {
     double ended;
@@ -207,7 +208,7 @@ static int ends_at(const Solver *s, const double time, const double *x)
     return !(ended <= 0.0);
 }
 
-/* The share of a step, but for rounding the first one, at which a flight cannot go on. */
+/* The first share of a step, up to rounding, at which a flight cannot continue. */
 static double first_end(const Solver *s, const double h)
 {
     double x[STATE];
@@ -224,7 +225,7 @@ static double first_end(const Solver *s, const double h)
     return bad;
 }
 
-/* Keep samples of a step of `h` s up to a share of it, and the inputs at each quarter of that. */
+/* Keep samples of a step of `h` s up to a share of it, and inputs at each quarter of that part. */
 static int keep(Solver *s, const double h, const double until, const double time, const int wanted,
     const Kept *kept)
 {
@@ -257,7 +258,7 @@ static int keep(Solver *s, const double h, const double until, const double time
     return 0;
 }
 
-/* Fly a leg in steps of adaptive size, until `flow` says why not. */
+/* Fly a leg in steps of adaptive size, until `flow` holds a reason to stop. */
 static void fly_leg(
     const void *const *given, Flow *flow, const Leg *leg, double *x, const Kept *kept)
 {

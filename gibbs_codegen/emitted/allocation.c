@@ -1,25 +1,25 @@
 /*
- * Thrusts within limits whose wrench is nearest to a wanted one: bounded least squares.
+ * Thrusts within limits whose wrench is nearest to a desired one: bounded least squares.
  *
- * It is solved for one state at a time. Torques are divided by a lever, so that they compare with
- * forces, and thrusts count a little, so that there is one solution. Which thrusts are at a limit
- * is guessed, at first as it was found the last time, and all wrong guesses are changed at once;
- * where that does not lead to fewer, the last of them alone, which comes to an end (Judice and
- * Pires 1994).
+ * States are solved one at a time. Torques are divided by a lever arm, so that they compare with
+ * forces; a small weight on thrusts makes the solution unique. The solver guesses which thrusts are
+ * at a limit, starting from the last solution, and changes all wrong guesses at once. If that does
+ * not reduce their number, it changes only the last one, which always terminates (Judice and Pires
+ * 1994).
  */
 enum { BASE = 6 };
-/* Rounds in which wrong guesses may not have become fewer before only one is changed. */
+/* Rounds without fewer wrong guesses before only one guess is changed. */
 enum { PATIENCE = 3 };
 
 typedef struct {
-    real columns[ROTORS][BASE]; /* what unit thrusts do */
+    real columns[ROTORS][BASE]; /* wrenches of unit thrusts */
     real target[BASE];
-    real preference; /* of small thrusts */
+    real preference; /* weight of small thrusts */
     real least[ROTORS];
     real most[ROTORS];
 } Nearest;
 
-/* Whether a thrust is at neither limit. */
+/* Whether a thrust is strictly between its limits. */
 static INLINE int is_free(const real side)
 {
     return !(side < R(0.0)) && !(side > R(0.0));
@@ -34,7 +34,7 @@ static INLINE real product_of(const int n, const real *a, const real *b)
     return sum;
 }
 
-/* Weigh a problem whose force and torque do not yet compare, and how much small thrusts count. */
+/* Scale torques to forces, and set the weight of small thrusts. */
 static void weigh_torques(Nearest *p)
 {
     real force = R(0.0), torque = R(0.0);
@@ -54,7 +54,7 @@ static void weigh_torques(Nearest *p)
     p->preference = R(1e-5) * LIBRARY(sqrt)(force + weight * weight * torque);
 }
 
-/* Least squares for the free thrusts, the others as they are, by reflections of Householder. */
+/* Least squares for the free thrusts, with the others fixed, by Householder reflections. */
 static void solve_free(const Nearest *p, const real *sides, real *x)
 {
     real columns[ROTORS][BASE], upper[ROTORS][ROTORS], left[BASE];
@@ -98,8 +98,8 @@ static void solve_free(const Nearest *p, const real *sides, real *x)
     }
 }
 
-/* Better guesses than `sides`, with which x was found. Returns how many are others; `last` is the
- * last of them. */
+/* Improve the guesses `sides`, which led to x. Returns the number of changes; `last` is the last
+ * one. */
 static int guess_again(const Nearest *p, const real *sides, const real *x, real *better, int *last)
 {
     real off[BASE];
@@ -126,8 +126,8 @@ static int guess_again(const Nearest *p, const real *sides, const real *x, real 
     return changed;
 }
 
-/* Thrusts x; of each side, -1 is its least, 1 its greatest and 0 neither: first guesses, and then
- * what was found. Returns whether anything was. */
+/* Find thrusts x. An entry of `sides` is -1 at the lower limit, 1 at the upper one and 0 between:
+ * first guesses on entry, the solution on return. Returns whether one was found. */
 static int find_nearest(const Nearest *p, real *sides, real *x)
 {
     real better[ROTORS];
@@ -187,8 +187,8 @@ static INLINE int are_beyond(const real *thrusts, const real *least, const real 
     return beyond;
 }
 
-/* Thrusts of a wrench, or those within limits that come nearest to it; no numbers where none are
- * found. Rows of `columns` are wrenches of unit thrusts. */
+/* Thrusts of a wrench, or the nearest ones within limits; NaN if none are found. Rows of `columns`
+ * are wrenches of unit thrusts. */
 static void nearest_thrusts_of_state(
     const real *thrusts,
     const real *wrench,
@@ -204,7 +204,7 @@ static void nearest_thrusts_of_state(
     }
 }
 
-/* Lanes with thrusts beyond limits get the nearest within; guesses are kept from time to time. */
+/* Lanes with thrusts beyond limits get the nearest ones within; guesses are kept between calls. */
 static APART void search_nearest(
     const void *const *context,
     const Given wrench,

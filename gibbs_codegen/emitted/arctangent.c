@@ -1,7 +1,7 @@
 /*
- * Arctangent. The nearest of 0, pi/4 and pi/2 is subtracted from the angle, whose tangent then is a
- * quotient, and a polynomial gives the rest. There is no branch, nor a call of the library, so that
- * loops over lanes are vectorised.
+ * Arctangent. The nearest of 0, pi/4 and pi/2 is subtracted from the angle; the tangent of the rest
+ * is a quotient, and a polynomial gives the rest itself. Without branches and library calls,
+ * compilers vectorise loops over lanes.
  */
 #ifdef SINGLE
 #define QUARTER_PI_LOST R(-2.7827534e-08)

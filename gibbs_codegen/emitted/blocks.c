@@ -1,4 +1,4 @@
-/* Copies a block of which some lanes are filled; the last of them is repeated in the others. */
+/* Copies a block; its last filled lane is repeated in the unused ones. */
 static INLINE void fill_lanes(const size_t width, const size_t filled, const real *RESTRICT block,
     real *RESTRICT whole_block)
 {
@@ -9,7 +9,7 @@ static INLINE void fill_lanes(const size_t width, const size_t filled, const rea
     }
 }
 
-/* Packs states that follow each other into blocks; the last state fills up the last block. */
+/* Packs rows of states into blocks; copies of the last state fill the last block. */
 static INLINE void pack_rows(const size_t count, const size_t width, const real *RESTRICT rows,
     real *RESTRICT blocks)
 {
@@ -24,7 +24,7 @@ static INLINE void pack_rows(const size_t count, const size_t width, const real 
     }
 }
 
-/* Unpacks blocks into states that follow each other. */
+/* Unpacks blocks into rows of states. */
 static INLINE void unpack_rows(const size_t count, const size_t width,
     const real *RESTRICT blocks, real *RESTRICT rows)
 {

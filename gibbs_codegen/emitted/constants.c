@@ -1,6 +1,6 @@
 /*
- * The same text serves for constants that all states share and, where EACH is defined, for those of
- * each state. These are in blocks, as inputs are, and only functions for batches have them.
+ * The same text serves constants that all states share and, if EACH is defined, constants of each
+ * state. These are in blocks, as inputs are, and only functions for batches take them.
  */
 #ifdef EACH
 typedef real Constants;

@@ -1,14 +1,14 @@
 /*
- * What programs call that no program says: curves in time, and thrusts within limits. The context
- * is an array of addresses: of the tables of two curves, and of guesses which thrusts are at limits.
+ * Functions written by hand that programs call: curves in time, and thrusts within limits. The
+ * context is an array of addresses: the tables of two curves, and the guesses of thrusts at limits.
  */
 enum { DESIRED, CENTRE, GUESSES };
 enum { POWERS = 6 };
 
 /*
  * Polynomials of `n` quantities at a time: values, first and second derivatives, one after the
- * other. A table has begin, length of a piece, s, number of pieces, and their coefficients
- * [pieces][POWERS][n]. Before the first and after the last piece they stay as they are there.
+ * other. A table has start and length of a piece, s, the number of pieces, and their coefficients
+ * [pieces][POWERS][n]. Before the first piece and after the last one they are constant.
  */
 static void curves_at(
     const real *RESTRICT table, const int n, const real time, real *RESTRICT found)

@@ -26,8 +26,8 @@ typedef unsigned long long uint64_t;
 #include "arctangent.c"
 
 /*
- * Sine and cosine as in C, without the branch to the library's for angles beyond ANGLE_LIMIT, which
- * would lengthen every step; those are NaN.
+ * Sine and cosine as in C, but NaN for angles beyond ANGLE_LIMIT: a branch to the library would
+ * slow every step.
  */
 #include "sine_cosine_series.c"
 

@@ -23,7 +23,7 @@ static INLINE void store(
     }
 }
 
-/* Entries of state i in a step, unless they are those of the step before. */
+/* Entries of state i in a step, if they differ from those of the step before. */
 static INLINE void load_rows(
     const Rows *rows, const int width, const int i, const int step, real *own)
 {

@@ -1,20 +1,20 @@
 /*
- * Steps of a program, many a call, for one state or a block of states side by side.
+ * Steps of a program, many in one call, for one state or a block of states.
  *
- * Before it stand `take_step`, which takes one, and `ranges.c`; `runtime/program_steps.py` calls
- * `program_run`, and so do `fixed.c` and `rollout.c`. `given` are addresses: of
- * constants, of the context of what is written by hand, and of the program's other inputs, a
- * `number` or `real` for each entry. A state ends before a step that is refused, and after one from
- * which it cannot go on; it then stays as it is, while others go on.
+ * The text before defines `take_step` and includes `ranges.c`. `runtime/program_steps.py`,
+ * `fixed.c` and `rollout.c` call `program_run`. `given` holds addresses: of the constants, of the
+ * context of functions written by hand, and of the program's other inputs, a `number` or `real` for
+ * each entry. A state ends before a step that is refused, and after one from which it cannot
+ * continue; it then stays as it is, and the others continue.
  */
 typedef struct {
-    int going[LANES];   /* whether it is flown, and then whether it has not ended */
+    int going[LANES];   /* whether the lane is used and has not ended */
     int refused[LANES]; /* whether it ended before a step */
     int taken[LANES];   /* steps */
 } Progress;
 
-/* Copy states; those of one that goes on stand in for the ended ones, since their cost is the same.
- * Returns whether any goes on. */
+/* Copy states. A running state also fills the lanes of ended ones, since these cost the same.
+ * Returns whether any state runs. */
 static INLINE int stand_in(const Progress *progress, const number *x, number *now)
 {
     int one = 0;
@@ -30,7 +30,7 @@ static INLINE int stand_in(const Progress *progress, const number *x, number *no
     return one < LANES;
 }
 
-/* Whether a step is not refused, and none of the states ends after it; no number is not so. */
+/* Whether a step is accepted and ends no state; NaN is false. */
 static INLINE int all_go_on(const number *refused, const number *ended)
 {
     bits ends = 0;
@@ -42,7 +42,7 @@ static INLINE int all_go_on(const number *refused, const number *ended)
     return ends == 0;
 }
 
-/* End states of which a value is not 0 or less; no number is not. */
+/* End states whose value is positive or NaN. */
 static INLINE void end(Progress *progress, const number *value, const int refuses)
 {
     for (int lane = 0; lane < LANES; ++lane) {
@@ -52,7 +52,7 @@ static INLINE void end(Progress *progress, const number *value, const int refuse
     }
 }
 
-/* Take over the next states of those that go on. */
+/* Take over the next states of running lanes. */
 static INLINE void go_on(Progress *progress, const number *next, number *x)
 {
     for (int lane = 0; lane < LANES; ++lane) {
@@ -66,8 +66,8 @@ static INLINE void go_on(Progress *progress, const number *next, number *x)
 /*
  * Take up to `count` steps of `h` from `x` at `time`; every `every`-th step, counted from `before`,
  * is a sample. `x` is then the last state, and `samples` has room for count / every + 1 states.
- * `ranges`, if it is not NULL, has room for one more ranges of the inputs of the first lane,
- * [2][RANGED]: the least, then the greatest at the starts of steps from one sample to the next.
+ * `ranges`, if it is not NULL, has room for one range more. A range [2][RANGED] holds the least and
+ * the greatest inputs of the first lane, at the starts of steps between two samples.
  */
 #ifdef LOCAL
 static

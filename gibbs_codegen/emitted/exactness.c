@@ -4,7 +4,7 @@
 #define COLD
 #endif
 
-/* How far the second bit of a small whole number is from the sign of a real. */
+/* Distance of the second bit of a small whole number from the sign bit of a real. */
 #ifdef SINGLE
 #define SIGN_SHIFT 30
 #else
@@ -12,8 +12,8 @@
 #endif
 
 /*
- * Some sums keep what rounding takes, so their order matters. Where the compiler does not keep to
- * the arithmetic as it is written, STEPWISE makes it store every number on the way.
+ * Some sums keep their rounding errors, so their order matters. Where a compiler may reorder
+ * arithmetic, STEPWISE makes it store every intermediate number.
  */
 #if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(_M_FP_FAST) || \
     FLT_EVAL_METHOD < 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 2
@@ -29,7 +29,7 @@
 #define AS_WRITTEN
 #endif
 
-/* It looks at the bits, since with -ffast-math compilers assume that every number is finite. */
+/* It checks the bits, because with -ffast-math compilers assume that every number is finite. */
 static INLINE int is_finite(const real value)
 {
     bits value_bits;

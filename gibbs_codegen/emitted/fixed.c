@@ -1,4 +1,4 @@
-/* Fly a leg in equal steps, which `engine.c` takes, until `flow` says why not. */
+/* Fly a leg in equal steps of `engine.c`, until `flow` holds a reason to stop. */
 static void fly_leg(
     const void *const *given, Flow *flow, const Leg *leg, double *x, const Kept *kept)
 {

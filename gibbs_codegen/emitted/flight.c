@@ -1,21 +1,21 @@
 /*
- * A flight of one state from leg to leg. Before it stand `fly_leg` and, where a law is SAMPLED,
- * `take_sample`: at the begin of a leg it may be asked for commands, which are held. `given` are
- * addresses as of `engine.c`; what differs from sample to sample is put there: errors of sensors
- * [OBSERVED] and what the law learns (see `Sampling`).
+ * A flight of one state from leg to leg. The text before defines `fly_leg` and, where a law is
+ * SAMPLED, `take_sample`, which may compute commands at the start of a leg; they are held. `given`
+ * holds addresses as in `engine.c`. Entries that differ from sample to sample are written there:
+ * errors of sensors [OBSERVED] and the learned state of the law (see `Sampling`).
  */
 #ifdef SAMPLED
-/* Samples of a law: each has the time that it tells, errors, and by how much the law learns. */
+/* Samples of a law: for each its time, the errors, and the time step of learning. */
 typedef struct {
     const double *times;  /* s, */
     const double *errors; /* [OBSERVED] */
     const double *learns; /* s */
-    double *memory;       /* what the law remembers [LEARNT] */
-    double *commands;     /* of before the first sample, so many, then of each [HELD] */
+    double *memory;       /* learned state of the law [LEARNT] */
+    double *commands;     /* those before the first sample, then those of each [HELD] */
     int before;
 } Sampling;
 
-/* Take the samples that are due. Returns whether one is refused; none of them is then taken. */
+/* Take the samples that are due. Returns whether one is refused; then none is taken. */
 static int take_samples(const void **given, Flow *flow, const int due, const double *x,
     const Sampling *law)
 {
@@ -40,7 +40,8 @@ static int take_samples(const void **given, Flow *flow, const int due, const dou
 typedef struct Sampling Sampling;
 #endif
 
-/* Fly from leg to leg from `x`, which is then the last state, until `flow` says why not. */
+/* Fly from leg to leg from `x`, which becomes the last state, until `flow` holds a reason to stop.
+ * */
 void flow_legs(const void **given, Flow *flow, const Leg *legs, double *x, const Kept *kept,
     const Sampling *law);
 

@@ -1,6 +1,6 @@
 /*
- * What is told of a flight of one state from leg to leg, through each of which the same acts on the
- * robot, in steps of one kind: `adaptive.c` or `fixed.c` flies a leg, `flight.c` all.
+ * Structures of a flight of one state from leg to leg. During a leg the same things act on the
+ * robot, and steps are of one kind. `adaptive.c` or `fixed.c` flies a leg, `flight.c` all legs.
  * `runtime/program_flow.py` has the same structures.
  */
 /* Why a call returns. */
@@ -9,49 +9,49 @@ enum { GOES_ON, REFUSED, ENDED, TOO_SHORT, TOO_SLOW };
 typedef struct {
     double begin, end; /* s */
     double step;       /* equal steps, s: */
-    int count, every;  /* so many, of which each `every`-th is a sample, */
-    int number;        /* where so many came before */
-    int samples;       /* of the law at its begin */
-    int command;       /* the number of the one that acts, of those of the law that are held */
+    int count, every;  /* their number; each `every`-th is a sample, */
+    int number;        /* counted from so many before */
+    int samples;       /* of the law at its start */
+    int command;       /* number of the held command that acts */
 } Leg;
 
 typedef struct {
     double time;        /* where the state is, s */
     double step;        /* the size of the next step, s */
     double taken;       /* that of the last one */
-    double budget;      /* evaluations that may still be spent, */
-    double income;      /* for each second flown, */
-    double extra;       /* for each leg, which begins with a step of its own, */
-    double most;        /* and how many can be saved up */
+    double budget;      /* evaluations left, */
+    double income;      /* added for each second flown, */
+    double extra;       /* added for each leg, which begins with a new step, */
+    double most;        /* and the most that can be saved up */
     double begin;       /* of the desired motion, s, */
     double piece;       /* and its pieces, s; 0 if none is followed */
-    double relative[2]; /* tolerances where all is smooth, and where it is not */
+    double relative[2]; /* tolerances where rates are smooth, and where they are not */
     double absolute[2];
-    const double *scale; /* that of absolute ones [STATE] */
-    int patience; /* knots at which steps are to end, after one across a knot failed */
-    int stops;    /* how many of them are to come */
+    const double *scale; /* absolute tolerances [STATE] */
+    int patience; /* knots at which steps end after a step across a knot failed */
+    int stops;    /* how many of them are left */
     int smooth;   /* whether rates have no kinks: 0 never, 1 always, 2 while inputs are inside */
-    int steps;    /* how many a call takes at most */
-    int wanted;   /* how many states there are to keep, */
-    int samples;  /* and afterwards how many were */
-    int leg;      /* the number of the leg on which the state is, */
+    int steps;    /* the most steps of a call */
+    int wanted;   /* number of states to keep, */
+    int samples;  /* and on return of those kept */
+    int leg;      /* number of the current leg, */
     int legs;     /* of so many, */
-    int done;     /* with so many steps */
-    int begun;    /* whether its begin is over */
-    int sampled;  /* samples of the law that were taken */
+    int done;     /* and its steps */
+    int begun;    /* whether its start is over */
+    int sampled;  /* number of samples taken of the law */
     int reason;
-    int halvings; /* of an equal step that is its last, down to where it ends */
+    int halvings; /* of the last equal step, to find where it ends */
 } Flow;
 
-/* Where a call leaves what it finds, with room for as much as comes. */
+/* Results of a call; the caller provides the room. */
 typedef struct {
-    const double *times; /* of the samples to come, s */
-    double *samples;     /* of the state [samples][STATE] */
-    double *ranges;      /* of the inputs from sample to sample [samples + 1][2][RANGED] */
-    double *begins;      /* states at the begin of legs [legs][STATE], NULL if nobody asks */
+    const double *times; /* times of the samples, s */
+    double *samples;     /* states [samples][STATE] */
+    double *ranges;      /* ranges of inputs between samples [samples + 1][2][RANGED] */
+    double *begins;      /* states at the starts of legs [legs][STATE], or NULL */
 } Kept;
 
-/* The time derivative of a state, no numbers where it has none. Returns whether it is refused. */
+/* The time derivative of a state, NaN if it has none. Returns whether it is refused. */
 static int slope_at(const void *const *given, const double time, const double *x, double *rate,
     double *inputs, double *inside)
 {

@@ -1,4 +1,4 @@
-/* The functions of FMI 3.0, of which most are of no use to a model without events and clocks. */
+/* The functions of FMI 3.0; most do nothing for a model without events and clocks. */
 #ifdef FMI3_FUNCTION_PREFIX
 #define FMI(name) PASTE(FMI3_FUNCTION_PREFIX, fmi3##name)
 #else

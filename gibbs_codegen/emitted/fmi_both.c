@@ -1,6 +1,6 @@
 /*
- * Functions that versions 2.0 and 3.0 have alike. FMI(name) gives their names, FLAG and BYTE are
- * types, and SAVED gives the ends of names for saved states.
+ * Functions that FMI 2.0 and 3.0 share. FMI(name) makes their names, FLAG and BYTE are types, and
+ * SAVED makes the endings of names for saved states.
  */
 #define FUNCTION(name, ...) DEFINE(Status, FMI(name), Instance *instance, __VA_ARGS__)
 #define CHANGE_OF_MODE(name) \

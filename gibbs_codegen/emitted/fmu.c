@@ -1,11 +1,11 @@
 /*
- * A robot as a functional mock-up unit (FMU), whatever the version of the interface (FMI).
+ * A robot as a functional mock-up unit (FMU), for both versions of the interface (FMI).
  *
- * All values of an instance are in one array, and a value reference is a place in it: time, states,
- * their rates, what is given (inputs), the greatest step of co-simulation, parameters, outputs. A
- * variable of FMI 2.0 is an entry; one of FMI 3.0 may be an array of LENGTH[place] entries. Before
- * it stand the numbers of these, START and LENGTH, GRAVITY, TOKEN, and MODULE, which gives names of
- * the robot's functions. Memory is allocated for instances and saved states only.
+ * One array holds all values of an instance, and a value reference is an index in it: time, states,
+ * their rates, inputs, the greatest step of co-simulation, parameters, outputs. A variable of FMI
+ * 2.0 is an entry; one of FMI 3.0 may be an array of LENGTH[index] entries. The text before defines
+ * the numbers of these, START, LENGTH, GRAVITY, TOKEN, and MODULE, which makes names of the robot's
+ * functions. Memory is allocated for instances and saved states only.
  */
 enum {
     TIME,
@@ -16,7 +16,7 @@ enum {
     PARAMETER,
     RESULTS = PARAMETER + PARAMETERS,
     COUNT = RESULTS + OUTPUTS,
-    /* These have no value reference: whether initialisation has ended, and what holds was changed. */
+    /* Without a value reference: whether initialisation has ended, whether holds have changed. */
     INITIALISED = COUNT,
     HOLDS_CHANGED,
     SIZE
@@ -25,7 +25,7 @@ enum {
 /* Both versions of FMI have these numbers for them. */
 typedef enum { OK, WARNING, DISCARD, ERROR } Status;
 
-/* What is to be computed before it is read. */
+/* Values that must be computed before they are read. */
 enum { CONSTANTS_STALE = 1, RATES_STALE = 2, OUTPUTS_STALE = 4, ALL_STALE = 7 };
 
 typedef struct Instance Instance;
@@ -35,7 +35,7 @@ struct Instance {
     int stale;
     int has_arrays;
     void (*log)(const Instance *instance, const char *message);
-    /* What the importer gave, by which it is told something. */
+    /* The importer's callback for messages. */
     void *environment;
     void (*callback)(void);
     char name[64];
@@ -90,7 +90,7 @@ static Status refresh(Instance *instance, const int wanted)
     return OK;
 }
 
-/* Let constraints take hold, if it was changed which do; returns whether it was. */
+/* Let constraints take hold, if the set of active ones has changed; returns whether it has. */
 static int take_hold(Instance *instance)
 {
 #ifdef HOLDS
@@ -107,7 +107,7 @@ static int take_hold(Instance *instance)
     return 0;
 }
 
-/* Read some entries, which are computed where need be. */
+/* Read some entries, computed first if they are stale. */
 static Status get(Instance *instance, const size_t place, const size_t count, double *to)
 {
     int wanted = place >= RATES && place < GIVEN ? RATES_STALE : 0;
@@ -119,7 +119,7 @@ static Status get(Instance *instance, const size_t place, const size_t count, do
     return OK;
 }
 
-/* Write some entries, of states, of what is given, or of parameters. */
+/* Write some entries: states, inputs or parameters. */
 static Status set(Instance *instance, const size_t place, const size_t count, const double *from)
 {
     const int is_state = place >= X && place + count <= RATES;
@@ -151,7 +151,7 @@ static Status advance(Instance *instance, const double time, const double h)
     if (!(h > 0.0) || !(values[STEP] > 0.0) || !(least < 1e9)) {
         return fail(instance, "steps and step_size must be positive, at most 1e9 of these in one");
     }
-    /* Importers count steps or add them up: times differ by rounding. */
+    /* Importers count steps or add them up, so times differ by rounding. */
     if (!(fabs(time - values[TIME]) <= 1e-6 * h + 1e-12 * fabs(time))) {
         return fail(instance, "a step must begin at the time where the last one ended");
     }
@@ -159,7 +159,7 @@ static Status advance(Instance *instance, const double time, const double h)
         return ERROR;
     }
     take_hold(instance);
-    /* So that rounding of a multiple makes no step more. */
+    /* Rounding of a multiple must not add a step. */
     const long steps = least > 1.0 ? (long)ceil(least * (1.0 - 1e-9)) : 1;
     for (long k = 0; k < steps; ++k) {
         MODULE(step)(
@@ -177,7 +177,7 @@ static Status advance(Instance *instance, const double time, const double h)
     return OK;
 }
 
-/* Entries of a variable, or 0 where there is none of the reference, or no room for its values. */
+/* Entries of a variable; 0 if the reference is unknown or there is no room for its values. */
 static size_t entries(const Instance *instance, const unsigned reference, const size_t room)
 {
     const size_t any = reference < COUNT ? (instance->has_arrays ? LENGTH[reference] : 1) : 0;
@@ -216,7 +216,7 @@ static Status set_all(
     return OK;
 }
 
-/* Derivatives of rates and outputs along a direction of states and of what is given. */
+/* Derivatives of rates and outputs along a direction of states and inputs. */
 static Status derive(
     Instance *instance, const unsigned *unknowns, const size_t of, const unsigned *knowns,
     const size_t by, const double *seed, size_t seeds, double *sensitivity, size_t room)
@@ -248,7 +248,7 @@ static Status derive(
     return OK;
 }
 
-/* A saved state is a copy of the values, of which all else can be computed again. */
+/* A saved state is a copy of the values; everything else can be computed from them. */
 static Status save(const Instance *instance, void **state)
 {
     *state = *state ? *state : malloc(sizeof instance->values);
@@ -259,7 +259,7 @@ static Status save(const Instance *instance, void **state)
     return OK;
 }
 
-/* A serialised state begins with the token: places of values are those of one model alone. */
+/* A serialised state begins with the token, because indices of values differ between models. */
 enum { SERIALISED = sizeof TOKEN + SIZE * sizeof(double) };
 
 static Status serialise(const Instance *instance, const void *state, void *to, const size_t size)
@@ -301,7 +301,7 @@ static Status restore(Instance *instance, const void *state)
 #endif
 #define PASTED(prefix, name) prefix##name
 #define PASTE(prefix, name) PASTED(prefix, name)
-/* Functions that FMI names are declared here too: an importer's headers are not needed. */
+/* FMI's functions are declared here too, so no headers of an importer are needed. */
 #define DEFINE(type, name, ...) \
     EXPORT type name(__VA_ARGS__); \
     type name(__VA_ARGS__)

@@ -1,4 +1,4 @@
-/* Copies the entries of a row-major matrix that are at `count` places. */
+/* Copies the entries of a row-major matrix at `count` indices. */
 static void gather(const int count, const int *rows, const int *columns, const int width,
                    const real *matrix, real *entries)
 {

@@ -1,21 +1,21 @@
 /*
- * Optimal control over a horizon: a quadratic program of nodes that follow each other, by a
- * primal-dual interior-point method whose linear systems are solved by Riccati's recursion.
+ * Optimal control over a horizon: a quadratic program with one node for each step, solved by a
+ * primal-dual interior-point method with Riccati recursions.
  *
  * Node k has w = (u, x); x of node 0 is given, and x of the next one is slope w + gap. The cost of a
  * node is gradient w + w hessian w / 2. A row is an entry of w, or the difference of two, between
- * limits; those with a penalty may be exceeded at that price. Before it stand INPUTS, STATES, NODES
- * (steps), LIMITS (rows), MOST (iterations), and `limited`, the entries of each row, the second of
- * which is -1 if there is none.
+ * limits; limits with a penalty may be exceeded at that price. The text before defines INPUTS,
+ * STATES, NODES (steps), LIMITS (rows), MOST (iterations), and `limited`, the entries of each row,
+ * of which the second is -1 if there is none.
  */
 enum { WIDTH = INPUTS + STATES, ENTRIES = REGISTER / sizeof(real), SIDES = 2 * LIMITS };
 enum { ROW = (WIDTH + ENTRIES - 1) / ENTRIES };
-/* No array of C is empty. */
+/* C has no empty arrays. */
 enum { ROWS = LIMITS > 0 ? LIMITS : 1 };
 
 /* A row with one of its limits: y = value or -value is at most `limit`. */
 typedef struct {
-    real limit, price, slack, excess; /* price of the limit, and what is left to it */
+    real limit, price, slack, excess; /* price of the limit, and slack to it */
     real price_step, slack_step, excess_step;
     real weight, constant; /* the next price is weight y + constant */
 } Side;
@@ -29,15 +29,15 @@ typedef struct {
 
 typedef struct {
     Node node[NODES + 1];
-    real penalty[ROWS], scale[ROWS]; /* of rows: price of exceeding them, how large values are */
-    real cost[STATES][STATES];       /* of all that follows a node */
+    real penalty[ROWS], scale[ROWS]; /* of rows: price of exceeding limits, magnitude of values */
+    real cost[STATES][STATES];       /* cost of all nodes that follow */
     part carried[STATES][ROW], sum[WIDTH][ROW];
-    real barrier, tolerance;         /* mean of price times slack, at the begin and at the end */
+    real barrier, tolerance;         /* mean of price times slack, at the start and at the end */
     real magnitude;                  /* of the cost */
     real iterations;
 } Plan;
 
-/* A part with a value in all entries. */
+/* A part with one value in all entries. */
 static INLINE part in_all(const real value)
 {
     const part zero = {R(0.0)};
@@ -79,8 +79,8 @@ static INLINE void add_tile(
 }
 
 /*
- * sum += sign a b, where a has so many rows and terms; of a symmetric sum, whose first row is that
- * of the whole, the upper triangle.
+ * sum += sign a b, where a has so many rows and terms. Of a symmetric sum only the upper triangle
+ * is computed; its first row is that of the whole.
  */
 static INLINE void add_products(
     const int rows,
@@ -151,7 +151,7 @@ static INLINE int is_limited(const Side *side)
     return side->limit < R(1e29);
 }
 
-/* What excess would cost, less the price of the limit. */
+/* Price of excess, less the price of the limit. */
 static INLINE real excess_price(const Plan *plan, const int place, const Side *side)
 {
     return plan->penalty[place / 2] - side->price;
@@ -267,7 +267,7 @@ static void solve_nodes(Plan *plan)
     }
 }
 
-/* How the next price of a side follows from its row, where price times slack is to be `aim`. */
+/* How the next price of a side depends on its row, if price times slack becomes `aim`. */
 static INLINE void linearise_side(
     const Plan *plan, const int place, Side *side, const real aim, const real excess_aim)
 {
@@ -281,7 +281,8 @@ static INLINE void linearise_side(
     side->constant = side->price + missing / room;
 }
 
-/* The steps of a side to the solution, and the greatest share of it that keeps all above zero. */
+/* The step of a side to the solution, and its greatest share that keeps prices and slacks positive.
+ * */
 static INLINE real step_of(
     const Plan *plan, const int place, Side *side, const real *next, const real excess_aim)
 {
@@ -324,7 +325,7 @@ static real mean_product(const Plan *plan, const real share, int *count)
     return sum / (real)(*count > 0 ? *count : 1);
 }
 
-/* A side of which so much is left, but no less than a share of its scale. */
+/* A side with so much slack, but at least a share of its scale. */
 static INLINE void begin_side(
     const Plan *plan, const int place, Side *side, const real left, const real least)
 {
@@ -341,7 +342,7 @@ static INLINE void begin_side(
     }
 }
 
-/* Slacks and prices to begin with, about w. */
+/* Initial slacks and prices about w. */
 static void begin_sides(Plan *plan)
 {
     for (int k = 0; k <= NODES; ++k) {
@@ -356,8 +357,8 @@ static void begin_sides(Plan *plan)
 }
 
 /*
- * Begin again where the first step leads: the solution without limits is w then, slacks have the
- * magnitudes that it gives them, and the products with prices are what the cost is of each.
+ * Restart where the first step leads: w becomes the solution without limits, slacks get the
+ * magnitudes that follow from it, and each product with a price becomes an equal share of the cost.
  */
 static void begin_again(Plan *plan, const int count)
 {
@@ -389,8 +390,8 @@ static void take_share(Plan *plan, const real share)
     }
 }
 
-/* Steps of all sides to `next`; the share of them that keeps all above zero. Aims of a corrected
- * step are the barrier less what the first one would have added. */
+/* Steps of all sides to `next`. Returns the share that keeps prices and slacks positive. The aim of
+ * a corrected step is the barrier less the products that the first step would add. */
 static real steps_of(Plan *plan, const real barrier, const int is_corrected, const int linearise)
 {
     real most = R(1.0);
@@ -417,8 +418,8 @@ static real steps_of(Plan *plan, const real barrier, const int is_corrected, con
 }
 
 /*
- * Solve the program from x of node 0, which is in w. Returns whether it has converged: w is the
- * solution then, and else the best so far, unless it is not finite.
+ * Solve the program from x of node 0, which is in w. Returns whether it has converged. If so, w is
+ * the solution, else the last iterate, which may not be finite.
  */
 static int solve_plan(Plan *plan)
 {
@@ -469,7 +470,7 @@ static int solve_plan(Plan *plan)
     return 0;
 }
 
-/* How fast the cost falls along w, and how it bends: twice the change of the cost is their sum. */
+/* First and second derivatives of the cost along w. */
 static void slope_of_cost(const Plan *plan, real *slope, real *bend)
 {
     *slope = *bend = R(0.0);

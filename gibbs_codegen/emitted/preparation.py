@@ -133,8 +133,8 @@ def _unknown(name: str, defaults: Mapping[str, float], folded: Sequence[str]) ->
     """
     if name in folded:
         return (
-            f"{name} is no parameter: it is zero in the robot file, and therefore built in; "
-            "gibbs-codegen generate --all-parameters keeps it"
+            f"{name} is not a parameter of this module, because it is zero in the robot file; "
+            "generate the module with --all-parameters to keep it"
         )
     close = difflib.get_close_matches(str(name), defaults, cutoff=0.5)
     hint = f"did you mean {' or '.join(close)}?" if close else "PARAMETERS has all names"

@@ -93,7 +93,7 @@ def check_chain(robot: Robot, number: int) -> None:
     if robot.springs or robot.is_geared:
         by_gears = "wheels that turn" if robot.wheels else "gears"
         what = "springs between frames" if robot.springs else by_gears
-        raise UsageError(f"{robot.name}: no chain can be shown with {what}")
+        raise UsageError(f"{robot.name}: chains cannot be shown with {what}")
     chains = len(decompose(robot))
     if not 1 <= number <= chains:
         only = "only chain 1" if chains == 1 else f"chains 1 to {chains}"

@@ -107,8 +107,8 @@ def _with_arm(
     """The drone with an arm whose base is at a pose in the frame of body `carrier`."""
     if arm.base.rotors:
         raise UsageError(
-            f"--attach: {arm.name} has a base of rods with motors; an arm needs one without: give "
-            "[base] mass, com and inertia"
+            f"--attach: {arm.name} has a base of rods with motors, which an arm cannot have; "
+            "give [base] mass, com and inertia instead"
         )
     count = len(drone.links)
 

@@ -75,7 +75,7 @@ class _Vehicle:
             self._tell("no greatest thrust known", unknown)
         if robot.links:
             where = "with the arm beneath the base" if hanging else "with joints at zero"
-            self.words.append(f"the centre of mass is that {where}; the arm's motion disturbs it")
+            self.words.append(f"the centre of mass is taken {where}; the arm's motion moves it")
         up = -self.axes[:, 2]
         if np.any(up < 1.0 - _LEVEL):
             self.words.append(
@@ -90,11 +90,15 @@ class _Vehicle:
         squares = [factor for factor in factors if factor is not None]
         self.thrust_model = sum(squares) / len(squares) if len(squares) == len(factors) else None
         if self.thrust_model is None:
-            self.words.append("how thrusts follow the output is not known; that is left as it is")
+            self.words.append(
+                "the thrust curve is not known; the autopilot's setting stays as it is"
+            )
         elif max(squares) - min(squares) > _LEVEL:
-            self.words.append("rotors follow the output differently; their mean is taken")
+            self.words.append("the thrust curves of the rotors differ; their mean is used")
         if self.hover is not None and self.hover > 0.8:
-            self.words.append(f"hovers at {self.hover:.0%} of its greatest thrust, which is much")
+            self.words.append(
+                f"hovers at {self.hover:.0%} of its greatest thrust, which leaves little margin"
+            )
 
     def tell_outputs(self, needed: int, place: str) -> None:
         """Say that a robot needs more outputs than many boards have at a place."""
@@ -234,12 +238,13 @@ def ardupilot_text(robot: Robot) -> tuple[str, list[str]]:
     frame = _frame(seen)
     if frame is None:
         seen.words.append(
-            "ArduPilot has no frame with such rotors; a script may give one (FRAME_CLASS 15 or 16)"
+            "ArduPilot has no frame with these rotors; define one in a script (FRAME_CLASS 15 "
+            "or 16)"
         )
     else:
         (values["FRAME_CLASS"], values["FRAME_TYPE"]), motors = frame
         values |= {f"SERVO{k}_FUNCTION": 32 + motor for k, motor in enumerate(motors, start=1)}
-        seen.words.append("ArduPilot takes all rotors to be alike and equally far from the centre")
+        seen.words.append("ArduPilot assumes equal rotors at equal distances from the centre")
     channels = {i: robot.rotors + n for n, i in enumerate(robot.moving, start=1)}
     values |= {f"SERVO{channel}_FUNCTION": 0 for channel in channels.values()}
     seen.tell_outputs(robot.rotors + len(channels), "MAIN OUT, and more on AUX OUT")

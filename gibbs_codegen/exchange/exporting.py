@@ -51,16 +51,16 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
         if form == "mjcf":
             lost += [] if limits.velocity is None else ["velocity"]
             if (limits.low is None) != (limits.high is None):
-                lost.append("limits, since it has one only")
+                lost.append("limits, of which the format has only one")
         if form == "sdf" and servo:
             keys = [key for key in _NONIDEALITIES if key in servo.parameters()]
             lost += [f"{key} of its servo" for key in keys if getattr(servo, key)]
         elif servo:
-            lost.append("servo but for its torque" + " and rate" * (form == "urdf"))
+            lost.append("servo, except its greatest torque" + " and rate" * (form == "urdf"))
         if link.friction and link.friction.static != link.friction.coulomb:
             lost.append("static friction")
         if link.motor and form == "mjcf":
-            lost.append("what its rotor does to what carries it")
+            lost.append("the reaction of its motor's rotor on the parent link")
             reflected = link.motor.gear_ratio**2 * link.motor.rotor_inertia
             passive = replace(link.passive, armature=link.passive.armature + reflected)
             joint = replace(joint, link=replace(link, passive=passive))
@@ -71,10 +71,13 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
         if joint.kind != "fixed" and lost:
             missing.append(f"joint {joint.name}: {' and '.join(lost)}")
     for i in robot.constrained:
-        missing.append(f"{link_label(robot, i)}: that a constraint torque holds it; it is welded")
+        missing.append(
+            f"{link_label(robot, i)}: the constraint torque that holds it; the link is welded "
+            "instead"
+        )
     # What makes thrusts and torques of commands: these are the inputs of what is written, but in
     # SDF, where motors are told for themselves.
-    kinds = {"what rotors make of commands": "has_drive", "air on rotors": "feels_air"}
+    kinds = {"thrust curves of the rotors": "has_drive", "air on rotors": "feels_air"}
     for what, key in kinds.items():
         rotors = [rotor.name for rotor in source.rotors if getattr(rotor, key)]
         if rotors and form != "sdf":
@@ -86,7 +89,7 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
     slow = [rotor.name for rotor in source.rotors if rotor.time_constant and form == "urdf"]
     others = {
         "the battery": robot.battery,
-        "that wheels roll, and that no base with a drive slips sideways": robot.base.drive
+        "the rolling of wheels and of a base with a drive, without side slip": robot.base.drive
         or robot.wheels,
         "spin inertias of rotors": any(rotor.spin_inertia for rotor in robot.thrusters),
         f"time constants of {', '.join(slow)}": slow,

@@ -67,7 +67,10 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
     if path.suffix.lower() == ".xacro":
         data, file = expanded(path, options.arguments), f"{file} (expanded)"
     elif options.arguments:
-        words = "NAME:=VALUE is an argument of xacro, and the name of this file does not end so"
+        words = (
+            "NAME:=VALUE is an argument of xacro, and this file does not end in .xacro; leave "
+            "it out"
+        )
         raise UsageError(f"{printable(path)}: {words}")
     tag = parse_xml(data, file).tag
     if tag == "mujoco":
@@ -106,7 +109,7 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
             detail = f"a drag of {rotor.drag:g} m is large; check its factor"
             findings.append(Finding("note", rotor.name, detail))
     if options.command == "speed" and not any(rotor.has_drive for rotor in source.rotors):
-        words = "--command speed is for motors of Gazebo, of which none was found"
+        words = "--command speed needs motors of Gazebo, and FILE has none; leave it out"
         findings.append(Finding("note", "rotors", words))
     findings += _rubbing_joints(robot)
     findings += _light_joints(robot)
@@ -115,13 +118,13 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Findin
     ends = [joint for joint in source.joints if joint.child not in carriers]
     endless = ", ".join(joint.name for joint in ends if joint.continuous)
     if endless and robot.base.motion == PLANAR:
-        words = "none were made; joints of wheels that roll become [[wheel]] tables by hand, with "
+        words = "not imported; write [[wheel]] tables by hand for joints of rolling wheels, with "
         words += 'drive = "differential" in [base] if it does not slip sideways; '
         words += f"these joints turn without end: {endless}"
         findings.append(Finding("note", "wheels", words))
     if not source.rotors and robot.base.moves_freely:
         hint = f"; these joints turn without end: {endless}" if endless else ""
-        words = f"none were found; --rotors FILE gives them{hint}"
+        words = f"not found; give them with --rotors FILE{hint}"
         findings.append(Finding("note", "rotors", words))
     return robot, [*source.findings, *findings]
 
@@ -132,7 +135,7 @@ def _rubbing_joints(robot: Robot) -> Iterator[Finding]:
         if friction := robot.links[i - 1].friction:
             terms = joint_terms(robot, i)
             words = f"dry friction {friction.coulomb:g} {terms.effort_unit}; its velocity, here "
-            words += f"{friction.velocity:g} {terms.unit}/s, is a guess that decides on steps"
+            words += f"{friction.velocity:g} {terms.unit}/s, is a guess, which affects step sizes"
             yield Finding("note", link_label(robot, i), words)
 
 

@@ -182,7 +182,7 @@ class _CompiledModel:
         robots = driven or flying or moved or roots
         if len(robots) != 1:
             names = ", ".join(printable(self.names[b], 60) for b in robots[:5]) or "none"
-            message = f"holds {len(robots)} robots ({names}); --base LINK tells which is meant"
+            message = f"holds {len(robots)} robots ({names}); choose one with --base LINK"
             message += "" if flying else ", --base world takes all of them"
             raise sources.refusal(self.file, message)
         return robots
@@ -229,7 +229,7 @@ class _CompiledModel:
                     self._servos[target] = servo
                 continue
             if size == 0.0:
-                self._report(name, "an actuator of torque without a force, no rotor")
+                self._report(name, "an actuator with a torque and no force, which is not a rotor")
                 continue
             direction = gear[:3] / size
             drag = float(direction @ gear[3:]) / size
@@ -303,10 +303,10 @@ class _CompiledModel:
             carriers = {sources.WORLD, *(self.names[b] for b in bodies)}
             first, second = frames
             if not {first.link, second.link} <= carriers or first.link == second.link:
-                self._report(name, "a constraint of what is not the robot's")
+                self._report(name, "a constraint of something outside the robot")
                 continue
             if not model.eq_active0[k]:
-                self._report(name, "a constraint that is off at first", "note")
+                self._report(name, "a constraint that is off at the start", "note")
             held, anchor = (second, first) if first.link == sources.WORLD else (first, second)
             joint: LoopJoint = "fixed" if welds else "spherical"
             yield sources.SourceConstraint.between(name, joint, (held, anchor))
@@ -324,7 +324,7 @@ class _CompiledModel:
             along = count > 1 and (model.wrap_type[wraps] == _ALONG_JOINT).all()
             is_gear = bool(model.eq_active0[k] and second < 0 and along and shares[0])
         if not is_gear:
-            self._report(name, f"an equality of {what} that is no gear")
+            self._report(name, f"an equality of {what} that is not a gear")
             return
         moved, *movers = (self.joint_names[j] for j in joints)
         if moved in self._gears:

@@ -182,7 +182,7 @@ class MjcfTexts:
         folder, bare = "", False
         for compiler in children(root, "compiler"):
             for key in sorted(_CHANGING & {*compiler.attrib}):
-                setting = f"{compiler.get(key)}: with it MuJoCo changes masses or inertias"
+                setting = f"{compiler.get(key)}changes masses or inertias in MuJoCo; remove it"
                 self.findings.append(Finding("note", key, printable(setting)))
             folder = compiler.attrib.pop("meshdir", compiler.attrib.get("assetdir", folder))
             compiler.attrib.pop("assetdir", None)
@@ -195,7 +195,7 @@ class MjcfTexts:
                 if mesh.get("name", PurePosixPath(file).stem) not in used:
                     assets.remove(mesh)
                 elif "builtin" in mesh.attrib or not {"file", "vertex"} & {*mesh.attrib}:
-                    words = "builtin meshes are not imported, nor those of plugins; give a file"
+                    words = "built-in meshes and meshes of plugins are not imported; give a file"
                     raise self.refused(mesh, words)
                 elif file:
                     mesh.set("file", str(self._file(mesh, path, folder, bare)))

@@ -42,7 +42,7 @@ def _motor(rotor: SourceRotor, number: int, share: float) -> tuple[dict[str, obj
         fastest = _USUAL_SPEED
         words.append(f"assumed: {fastest:g} rad/s at the greatest thrust")
     if drive.command != "thrust" and any(drive.curve[:2]):
-        words.append("changed: the thrust is by the square of the speed alone")
+        words.append("changed: thrust depends on the square of the speed alone")
     others = {
         "inflow": rotor.inflow,
         "lift": rotor.translational_lift,

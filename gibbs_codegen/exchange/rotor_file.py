@@ -83,7 +83,7 @@ def _of_yaml(text: str, path: Path, source: Source) -> tuple[SourceRotor, ...]:
         import yaml
     except ImportError:
         raise UsageError(
-            f"{printable(path)}: the package PyYAML is not installed; install it, or give the "
+            f"{printable(path)}: the package PyYAML is not installed; install it, or write the "
             "rotors as [[rotor]] tables in TOML"
         ) from None
     number = 0
@@ -123,11 +123,12 @@ def _of_yaml(text: str, path: Path, source: Source) -> tuple[SourceRotor, ...]:
         if isinstance(e, KeyError):
             cause = f"{printable(e.args[0], 40)} is missing"
         elif isinstance(e, yaml.MarkedYAMLError) and e.problem_mark:
-            cause = f"line {e.problem_mark.line + 1} is no YAML"
+            cause = f"line {e.problem_mark.line + 1} is not YAML"
         elif isinstance(e, UsageError):
             cause = str(e)
         raise refusal(
             path,
-            "no platform of eagle_mpc: platform with cf, cm, max_thrust, min_thrust and $rotors, "
-            f"each with translation, orientation and spin_direction; {cause}",
+            f"not a platform file of eagle_mpc ({cause}); it needs a platform with cf, cm, "
+            "max_thrust, min_thrust and $rotors, each with translation, orientation and "
+            "spin_direction",
         ) from None

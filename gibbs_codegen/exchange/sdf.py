@@ -255,7 +255,7 @@ class _ModelReader:
         while way[-1] in self._poses:
             stands_in = self._poses[way[-1]][0]
             if stands_in in passed or len(way) > _DEEPEST:
-                words = "is placed relative to itself, in a circle"
+                words = "is placed relative to itself through others"
                 if stands_in not in passed:
                     words = f"is placed relative to more than {_DEEPEST} others, one in the other"
                 self._values.fault(self.elements[name], words)
@@ -296,14 +296,18 @@ class _ModelReader:
             if element.tag == "link":
                 return on
             on = _text(element, "child") if element.tag == "joint" else self._stands_in(element)
-        self._values.fault(self.elements[name], "is attached to itself, in a circle")
+        self._values.fault(self.elements[name], "is attached to itself through others")
         return ""
 
     def _body(self, name: str, element: Element) -> sources.SourceBody:
         """A link, by default of 1 kg, and 1 kg m² about each axis, as SDF says."""
         values, inertial = self._values, child(element, "inertial")
         if inertial is not None and inertial.get("auto") in ("true", "1"):
-            values.fault(inertial, "has its inertia from shapes, which import does not read")
+            values.fault(
+                inertial,
+                "takes its inertia from shapes, which import does not read; write <inertial> "
+                "values",
+            )
         entries = child(inertial, "inertia")
         mass = values.positive(inertial, "mass", 1.0)
         inertia = values.inertia(entries, 1.0)
@@ -311,7 +315,9 @@ class _ModelReader:
         alone = [f"i{pair}" for pair in AXIS_PAIRS[:3] if not _text(entries, f"i{pair}")]
         lacking += alone if entries is not None else ["inertia"]
         if lacking:
-            words = f"no {', '.join(lacking)} in the file, for which SDF has 1 kg and 1 kg m²"
+            words = (
+                f"no {', '.join(lacking)} in the file, so SDF's defaults of 1 kg and 1 kg m² apply"
+            )
             values.report("note", name, words)
         place = self._placement(child(inertial, "pose"))
         return sources.SourceBody(name, RigidBody(mass=mass, inertia=inertia), place, element.line)

@@ -70,7 +70,7 @@ def whole_model(root: Element, file: Path, values: Values) -> tuple[Element, lis
     moving = moving or [part for part in models if _has_joints(part.model)]
     if len(moving) != 1:
         names = ", ".join(printable(part.model.get("name", "?"), 60) for part in moving[:5])
-        words = f"holds {len(moving)} models that move ({names or 'none'}); a robot is one"
+        words = f"holds {len(moving)} models that move ({names or '-'}); keep one"
         static = [f"{printable(part.model.get('name'), 60)} is <static>" for part in models]
         values.fault(root, "; ".join([words, *([] if moving else static[:5]), *lost[:5]]))
         return root, left
@@ -205,7 +205,9 @@ def _model_file(uri: str, folder: Path) -> Path | str:
     """
     scheme, _, rest = uri.rpartition("://")
     if not rest or scheme in ("http", "https", "fuel"):
-        words = "is not on this machine; get it with gz fuel download -u, and say model://NAME"
+        words = (
+            "is not on this machine; download it with gz fuel download -u, and write model://NAME"
+        )
         return f"{printable(uri, 200)} {words}" if rest else "has no <uri>"
     above = [folder, *folder.parents]
     named = [Path(path) for key in _PATHS for path in os.environ.get(key, "").split(os.pathsep)]

@@ -59,11 +59,13 @@ def with_root(source: Source) -> Source:
                 raise source.refused(message, where=f'<constraint "{printable(loop.name, 60)}">')
     roots = [name for name in source.links if name not in carried]
     if not roots:
-        message = "every link is carried by a joint, so that the joints form a closed loop"
+        message = (
+            "every link is the child of a joint, so the joints form a closed loop; remove one joint"
+        )
         raise source.refused(message, source.joints[0].line)
     if len(roots) > 1:
         shown = ", ".join(printable(name, 60) for name in roots[:5])
-        message = f"there are {len(roots)} links that no joint carries, {shown}; a robot has one"
+        message = f"{len(roots)} links are not the child of a joint: {shown}; leave one of them"
         raise source.refused(message, source.links[roots[1]].line)
     reached = [roots[0]]
     for link in reached:  # It grows meanwhile.
@@ -84,7 +86,7 @@ def locked(source: Source, values: Mapping[str, float]) -> Source:
     for name in values:
         if name not in names:
             raise UsageError(f"--lock {printable(name, 60)}: no such joint{near(name, names)}")
-    words = "is not locked, since it leads to the base: --base MOTION says what of that moves"
+    words = "leads to the base and cannot be locked; give the motion of the base with --base MOTION"
     findings = [Finding("note", name, words) for name in values if name in source.anchors]
     joints, seats = [], _seats(source)
     places: dict[str, tuple[float, str]] = {}
@@ -246,7 +248,10 @@ def _plane(source: Source, way: Sequence[SourceJoint]) -> Motion:
     frame, _ = _placed_at_zero(source, way)[-1]
     normal = np.abs(frame.matrix @ np.array(way[-1].link.axis))
     if sum(normal > SNAP) > 1:
-        message = "moves in a plane that is not across an axis of the world; --base says what moves"
+        message = (
+            "moves in a plane that is not normal to an axis of the world; give the motion with "
+            "--base"
+        )
         where = f'<joint "{printable(way[-1].name, 60)}">'
         raise source.refused(message, way[-1].line, where)
     return (("y", "z", "roll"), ("x", "z", "pitch"), "planar")[int(np.argmax(normal))]
@@ -289,7 +294,7 @@ def check_kinds(source: Source) -> None:
     """
     for joint in source.joints:
         if joint.kind in ("floating", "planar"):
-            message = f"is {joint.kind}, which is possible at the root only; --lock holds it fast"
+            message = f"is {joint.kind}, which only a joint at the root may be; fix it with --lock"
             where = f'<joint "{printable(joint.name, 60)}">'
             raise source.refused(message, joint.line, where)
 
@@ -335,7 +340,7 @@ def rerooted(source: Source, link: str, asked: bool) -> Source:
         for joint in reverse
     ]
     joints = (*backwards, *others)
-    words = "its motor, which the link beyond it carries now"
+    words = "its motor, which the child link now carries"
     findings = [Finding("left out", joint.name, words) for joint in reverse if joint.link.motor]
     findings.insert(0, Finding("base", link, f"in place of {source.root}"))
     return source.reported(*findings, joints=joints, root=link, motion=motion, pose=pose)

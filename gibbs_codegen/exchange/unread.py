@@ -61,7 +61,7 @@ def unread(roots: Iterable[Element], words_of: Mapping[str, str]) -> list[Findin
     shown = [*groups.items()][:_MOST]
     lines += [Finding("left out", subject, _detail([*same.items()])) for subject, same in shown]
     if more := len(groups) - len(shown):
-        lines.append(Finding("left out", "elements and attributes", f"{more} other kinds of them"))
+        lines.append(Finding("left out", "elements and attributes", f"{more} other kinds"))
     return lines
 
 

@@ -81,7 +81,7 @@ class Values:
             self.report("note", name, f"no gravity acts on it in Gazebo{here}")
         for text in (gravity, off):
             if plain(text or "1") not in ("0", "1"):
-                words = f"whether gravity acts on it is said by {printable(text, 40)}"
+                words = f"its gravity flag is {printable(text, 40)}"
                 self.report("note", name, f"{words}, not by true or false{here}")
 
     def fault(self, element: Element, message: str) -> None:
@@ -238,7 +238,7 @@ class Values:
         xyz = self.vector(element, "xyz", (0.0, 0.0, 0.0))
         if element is not None and self._quaternions and "quat_xyzw" in element.attrib:
             if "rpy" in element.attrib:
-                self.fault(element, "has both rpy and quat_xyzw; give one of them")
+                self.fault(element, "has both rpy and quat_xyzw; remove one of them")
             turn = self.numbers(element, element.get("quat_xyzw"), 4, "quat_xyzw")
             return self.turned(element, xyz, turn)
         roll, pitch, yaw = map(degrees, self.vector(element, "rpy", (0.0, 0.0, 0.0)))
@@ -322,7 +322,10 @@ def gazebo_rotors(root: Element, values: Values, command: Command) -> list[sourc
         usual = ", ".join(f"{tag} {missing[tag]:g}" for tag in _MOTOR if tag in missing)
         values.report("note", "rotors", f"not in the file, as in Gazebo: {usual}")
     for factor in sorted(slowdowns - {"1"}):
-        words = f"made for rotorVelocitySlowdownSim {printable(factor, 20)}: their links' inertia"
+        words = (
+            f"scaled for rotorVelocitySlowdownSim {printable(factor, 20)}: the inertias of their "
+            "links"
+        )
         values.report("note", "rotors", f"{words} may be that many times too large")
     return [rotor for _, rotor in sorted(numbered, key=itemgetter(0))]
 
@@ -420,7 +423,7 @@ def read_urdf(
     root = parse_xml(data, file)
     values = Values(friction, bool(re.match(r"1\.[1-9]|[2-9]", root.get("version", ""))))
     if root.tag != "robot":
-        values.fault(root, "is no URDF: its root element is <robot>")
+        values.fault(root, "is not URDF: the root element of URDF is <robot>")
         raise sources.SourceFileError(file, values.faults)
     elements = within(root)
     spaces = {key for other in elements for key, uri in other.attrib.items() if "/xacro" in uri}
@@ -497,7 +500,7 @@ def _link(element: Element, values: Values) -> sources.SourceBody:
     heavy, entries = child(inertial, "mass"), child(inertial, "inertia")
     parts = {"mass": heavy is not None and heavy.get("value"), "inertia": entries is not None}
     for what in [what for what, there in parts.items() if not there]:
-        values.report("note", name, f"no {what} in the file, which is taken for 0")
+        values.report("note", name, f"no {what} in the file, which is taken as 0")
     mass = values.positive(heavy, "value")
     inertia = values.inertia(entries, None)
     pose = values.placement(child(inertial, "origin"))

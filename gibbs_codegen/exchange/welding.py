@@ -115,7 +115,7 @@ def welded(
                 link = replace(link, servo=None, friction=None)
             else:
                 do = "does" if len(joint.gear.ratios) == 1 else "do"
-                words = f"that it follows {movers}, which {do} not move it"
+                words = f"its gear to {movers}, which {do} not move it"
                 findings.append(Finding("left out", joint.name, words))
         links.append(link)
     # Frames of links that were welded or are not where their joint is, and those of the source.
@@ -154,7 +154,9 @@ def welded(
         for body, whole in zip(bodies, rigid, strict=True)
         if inertia_fault(whole.mass, whole.inertia)
     ]
-    findings += [Finding("note", name, "has an inertia that no body has") for name in impossible]
+    findings += [
+        Finding("note", name, "has an inertia that is physically impossible") for name in impossible
+    ]
     return replace(robot, allow_impossible_inertia=bool(impossible)), findings
 
 
@@ -271,9 +273,9 @@ def _constraints(
         ends = [_on_body(end, places) for end in loop.ends if end.link != WORLD]
         reason = ""
         if not ends or (len(ends) == 2 and ends[0].on == ends[1].on):
-            reason = "a constraint of one body, or the world, with itself"
+            reason = "a constraint of a body, or of the world, with itself"
         elif len(ends) == 1 and loop.holds == "hinge":
-            reason = "a hinge to the world; hold two points of its axis instead"
+            reason = "a hinge to the world; hold two points on its axis instead"
         elif len(constraints) == Constraint.most or len(whole) + len(ends) > MAX_FRAMES:
             reason = "one constraint, or frame for it, too many"
         if reason:

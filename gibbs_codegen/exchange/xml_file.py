@@ -121,7 +121,9 @@ def read_bytes(path: Path, wanted: str = "a URDF, xacro, MJCF or SDF file") -> b
     except ValueError:  # A path with a null character.
         raise UsageError(f"{printable(path)}: no such file") from None
     if len(data) > MAX_BYTES:
-        raise refusal(path, f"larger than {MAX_BYTES} bytes; robots have far less text")
+        raise refusal(
+            path, f"larger than {MAX_BYTES} bytes, the limit for a robot; give a smaller file"
+        )
     return data
 
 
@@ -177,7 +179,9 @@ def parse_xml(data: bytes, file: str) -> Element:
         if len(opened) > MAX_DEPTH:
             raise _Refused(f"elements are nested more than {MAX_DEPTH} deep")
         if count > MAX_ELEMENTS:
-            raise _Refused(f"more than {MAX_ELEMENTS} elements; robots have far fewer")
+            raise _Refused(
+                f"more than {MAX_ELEMENTS} elements, the limit for a robot; give a smaller file"
+            )
         cast(Element, builder.start(tag, attributes)).line = parser.CurrentLineNumber
 
     def end(tag: str) -> None:
@@ -185,7 +189,7 @@ def parse_xml(data: bytes, file: str) -> Element:
         builder.end(tag)
 
     def refuse(*_: Any) -> None:
-        raise _Refused("declares a document type (DOCTYPE), which could expand or fetch entities")
+        raise _Refused("declares a document type (DOCTYPE), which may load other files; remove it")
 
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.CharacterDataHandler = builder.data
@@ -199,7 +203,7 @@ def parse_xml(data: bytes, file: str) -> Element:
         words = _FAULTS.get(expat.ErrorString(error.code), _OTHER_FAULT)
         words = words.format(printable(opened[-1] if opened else "none", 40))
         if "{%" in text or "{{" in text:
-            words = "a template of Jinja, which its project renders when it is built"
+            words = "a Jinja template; build its project, and import the file that results"
         raise refusal(file, f"not well-formed XML: {words}", error.lineno) from None
 
 
@@ -255,7 +259,7 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
         elif isinstance(cause, OSError):
             words = f"it includes {printable(cause.filename)}, which is not there"
         else:
-            words = f"xacro cannot evaluate it ({printable(error, 300)}); mend it"
+            words = f"xacro cannot evaluate it ({printable(error, 300)}); correct it"
             if isinstance(cause, packages.PackageNotFoundError):
                 name = printable(str(cause).split()[-1], 60)
                 words = f"it needs the ROS package {name}; name the folder above it in"
@@ -270,7 +274,7 @@ def expanded(path: Path, arguments: Mapping[str, object]) -> bytes:
         if name not in declared:
             words = f"it has no argument {printable(name, 60)}{near(name, declared)}{there_are}"
         elif not re.search(rf"\$[({{][^<]*\b{re.escape(name)}\b", "\n".join(texts)):
-            words = words or f"its argument {printable(name, 60)} is used nowhere; leave it out"
+            words = words or f"its argument {printable(name, 60)} is not used; leave it out"
     if words:
         raise refusal(path, f"cannot be expanded: {words}")
     return made.encode()

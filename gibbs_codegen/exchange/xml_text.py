@@ -217,8 +217,8 @@ class _Writer:
                 self.body(parent, below[0].child, further)
                 return
             raise UsageError(
-                f"link {printable(name, 60)} moves and has no mass, and not one link follows it; "
-                "MuJoCo has no such body: give it mass, or export URDF"
+                f"link {printable(name, 60)} moves, has no mass and does not carry exactly one "
+                "link, which MuJoCo does not allow; give it mass, or export URDF"
             )
         place = {"pos": numbers(frame.xyz), "quat": _quaternion(frame)}
         element = ET.SubElement(parent, "body", {"name": name, **place})

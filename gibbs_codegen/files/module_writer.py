@@ -162,7 +162,7 @@ def _foreign(folder: Path, files: Files) -> list[str]:
     try:
         if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
             raise UsageError(
-                f"{printable(folder)}: is in the way and is not a generated module; remove it first"
+                f"{printable(folder)}: exists and is not a generated module; remove it first"
             )
         return foreign(folder, files)
     except OSError as error:
@@ -171,12 +171,12 @@ def _foreign(folder: Path, files: Files) -> list[str]:
 
 def _refusal(folder: Path, names: Sequence[str]) -> UsageError:
     """The refusal of a folder that holds a user's files, with what to do."""
-    why = "was not generated, or was changed since"
+    why = "were not generated, or were changed since"
     if not generated_files(folder):
-        why = f"is in no {MANIFEST} of generated files"
+        why = f"are not in {MANIFEST}"
     return UsageError(
-        f"{printable(folder)}: holds what {why}: {_listed(names)}; move it elsewhere, choose "
-        "another --out or name, or have the whole folder put aside with --force"
+        f"{printable(folder)}: holds files that {why}: {_listed(names)}; move them, choose "
+        "another --out or name, or rename the whole folder with --force"
     )
 
 
@@ -224,9 +224,7 @@ def write_module(folder: Path, files: Files, force: bool = False, options: str =
                 f"{printable(folder)}: cannot be written: {cause_of(error)}; nothing was changed"
             ) from None
     if not written:  # The signal's handler, which is the program's own, has returned.
-        raise OutputError(
-            f"{printable(folder)}: writing was ended by a signal; nothing was changed"
-        )
+        raise OutputError(f"{printable(folder)}: a signal ended the writing; nothing was changed")
     if aside:
         kept = printable(folder.with_name(aside.name))
         _log.warning(
@@ -245,9 +243,8 @@ def _check_beside(folder: Path, files: Files) -> None:
         both = [x for x in sorted(names) if all(x.startswith(start) for start in starts)]
         if both:
             raise UsageError(
-                f"{printable(folder)}: {_listed(both)} would have the name of a file of "
-                f"{printable(other)}, and be lost where the sources of both are put together; "
-                "choose another name of the robot"
+                f"{printable(folder)}: {_listed(both)} would have the names of files in "
+                f"{printable(other)}, and builds of both modules would mix them; rename the robot"
             )
 
 
@@ -271,7 +268,7 @@ def write_new_file(path: Path, text: str, force: bool | None = None) -> None:
             fresh.unlink()
             raise
     except FileExistsError:
-        replaced = "" if force is None else ", or have it replaced with --force"
+        replaced = "" if force is None else ", or replace it with --force"
         message = f"{printable(path)}: exists already; choose another name{replaced}"
         raise UsageError(message) from None
     except OSError as error:

@@ -40,7 +40,10 @@ def text_of(name_or_path: str, folder: str, refused: type[RefusedFileError]) -> 
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
         if len(data) > MAX_BYTES:
-            reason = f"larger than {MAX_BYTES} bytes; a {refused.kind} is a page of text"
+            reason = (
+                f"larger than {MAX_BYTES} bytes, the limit for a {refused.kind}; give a smaller "
+                "file"
+            )
             raise refused(name_or_path, [Fault("", reason)])
         return data.decode("utf-8-sig"), name_or_path
     except UnicodeDecodeError as error:

@@ -94,7 +94,7 @@ def put_in_place(new: Path, place: Path, aside: Path | None = None) -> None:
 def check_new(place: str | os.PathLike[str]) -> None:
     """Raise `UsageError` if a file or folder is there already."""
     if os.path.lexists(place):
-        raise UsageError(f"{printable(place)}: is there already; choose another name")
+        raise UsageError(f"{printable(place)}: exists already; choose another name")
 
 
 @contextmanager
@@ -160,12 +160,12 @@ def _wait_for_lock(number: int, folder: Path, signals: Sequence[int]) -> None:
         waited = time.monotonic() - begin
         if waited > _PATIENCE_SECONDS:
             raise OutputError(
-                f"{printable(folder)}: {_holder(number)} has held the lock of this folder for "
-                f"{_PATIENCE_SECONDS:.0f} s, as one does that writes a module there; wait until it "
-                "ends, or end it, or choose another --out; nothing was changed"
+                f"{printable(folder)}: {_holder(number)} has been writing a module there for "
+                f"{_PATIENCE_SECONDS:.0f} s; wait until it ends, end it, or choose another "
+                "--out. Nothing was changed"
             )
         if waited > _NOTICE_SECONDS and not said:
-            _log.warning("%s: waiting for %s to let go", printable(folder), _holder(number))
+            _log.warning("%s: waiting for %s to finish", printable(folder), _holder(number))
             said = True
         time.sleep(0.01)
 

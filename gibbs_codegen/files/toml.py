@@ -55,7 +55,7 @@ def checked(
         raise refused(source, [_syntax_fault(text, error)]) from None
     other, keys = table.mistaken
     if theirs := [key for key in document if key in keys]:
-        words = f"a key of {other}, and not of a {refused.kind}, which must be given here"
+        words = f"a key of {other}; give a {refused.kind} here"
         raise refused(source, [Fault(theirs[0], words, line_of(key_lines(text), (theirs[0],)))])
     changes = nested(changes or {})
     checked_table, refusals = read_table(table, merged(document, changes))
@@ -82,7 +82,7 @@ def _syntax_fault(text: str, error: ValueError) -> Fault:
     """The fault that `tomllib` found, with its line."""
     if text.lstrip().startswith("<"):
         xml = "not valid TOML: it is XML; if it is URDF, xacro, MJCF or SDF, make a robot file of"
-        return Fault("", f"{xml} it first, with gibbs-codegen import FILE", 1)
+        return Fault("", f"{xml} it first with gibbs-codegen import FILE", 1)
     reason = str(error)
     if place := re.search(r" \(at (?:line (\d+), column \d+|end of document)\)$", reason):
         line = int(place[1] or text.count("\n") + 1)
@@ -91,9 +91,9 @@ def _syntax_fault(text: str, error: ValueError) -> Fault:
         longest = max(re.finditer(r"[0-9_]+", text), key=lambda digits: len(digits[0]))
         line = text.count("\n", 0, longest.start()) + 1
     if array := re.search(r"Cannot declare \('(rotor|link|frame)',\)", reason):
-        reason += f"; each {array[1]} is [[{array[1]}]], in two brackets"
+        reason += f"; write each {array[1]} as [[{array[1]}]], in double brackets"
     elif reason.startswith("Cannot overwrite a value"):
-        reason += "; the key or table stands further up already: give it once"
+        reason += "; the key or table appears twice: remove one"
     return Fault("", f"not valid TOML: {printable(reason)}", line)
 
 
@@ -243,7 +243,8 @@ def nothing_to_remove(
         elif value is None and key not in document:
             yield (
                 (*outer, key),
-                "an empty value (None in Python) removes an entry, but there is no such entry",
+                "there is no such entry to remove; an empty value (None in Python) removes an "
+                "entry",
             )
 
 

@@ -68,9 +68,9 @@ def attitude_angles(sequence: str, rotation: Array) -> Array:
     singular = np.ravel(1.0 - sine**2 < SINGULAR_COSINE**2)
     if np.any(singular):
         raise SingularAttitudeError(
-            f"the attitude reaches the singularity of the sequence {sequence} (its second angle "
-            "to ±90°); choose another sequence in the robot file, or "
-            'attitude = "quaternion" where none serves, or a gentler path',
+            f"the attitude reaches the singularity of the sequence {sequence} (second angle near "
+            '±90°); choose another sequence or attitude = "quaternion" in the robot file, or a '
+            "gentler path",
             int(np.argmax(singular)),
         )
     # The sign of the sequence of the axes.

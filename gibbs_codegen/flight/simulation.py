@@ -136,9 +136,7 @@ def simulate(
 def _log_controller_time(robot: str, spent: float, flown: float) -> None:
     """Log the time of a controller, s, where it is most of that of a flight, and long."""
     if spent > max(_LONG, 0.5 * flown):
-        words = (
-            "%s: the controller took %.1f s of the %.1f s that its flight was computed (%.0f %%)"
-        )
+        words = "%s: the controller took %.1f s of the %.1f s of computing (%.0f %%)"
         _log.warning(words, robot, spent, flown, 100.0 * spent / flown)
 
 
@@ -322,13 +320,12 @@ def check_mass_matrix(vehicle: Vehicle, q: Array) -> None:
     eigenvalues = np.linalg.eigvalsh(matrix) if np.isfinite(matrix).all() else [-1.0, 1.0]
     if eigenvalues[0] > -_ROUNDING * eigenvalues[-1]:
         raise UsageError(
-            f"{vehicle.name}: its mass matrix is singular where the flight begins: some motion "
-            "of its joints moves no mass there; begin with another posture, or give its links "
-            "mass and thickness"
+            f"{vehicle.name}: the mass matrix is singular at the start, where some joint motion "
+            "moves no mass; start in another posture, or give the links mass and thickness"
         )
     raise UsageError(
-        f"{vehicle.name}: with these parameters its mass matrix is not positive definite; "
-        "masses and inertias must be physically possible"
+        f"{vehicle.name}: with these parameters the mass matrix is not positive definite; give "
+        "physically possible masses and inertias"
     )
 
 

@@ -201,7 +201,7 @@ class Simulation:
         if fault := self._hold.fault(u):
             raise UsageError(f"u: is {fault}")
         if self.stopped:
-            raise UsageError(f"the flight has ended, {self.stopped}; reset begins another")
+            raise UsageError(f"the flight has ended, {self.stopped}; call reset to begin another")
         now = self.time
         self._hold.command(now, np.asarray(u, dtype=np.float64))
         self._flight = self._flight or self._integration()

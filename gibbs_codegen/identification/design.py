@@ -93,9 +93,9 @@ class Design:
             for name, value, s in zip(self.names, self.before, self.deviations, strict=True)
         ]
         heads = ("number", "robot file", "± expected", "of it")
-        listed = [(words,) for words in self.unseen] or [("Nothing that is free.",)]
+        listed = [(words,) for words in self.unseen] or [("Nothing.",)]
         sections = [(f"{self.robot}, before it moves, in SI units", heads, rows)]
-        return as_text([*sections, ("What the motion cannot tell", ("",), listed)])
+        return as_text([*sections, ("What the motion cannot identify", ("",), listed)])
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the scenario to a new file.
@@ -140,7 +140,7 @@ def design(
     """
     module = identifiable(robot)
     if not room > 0.0 or not prior > 0.0 or tries < 1:
-        raise UsageError("room and prior must be above 0, and tries 1 or more")
+        raise UsageError("room, prior: must be above 0, and tries 1 or more")
     unknowns = Unknowns(module, free, prior)
     f, z = len(unknowns.names), np.zeros(len(unknowns.names))
     experiment = _Experiment(module, unknowns, _tables(module, scenario), room)
@@ -153,7 +153,9 @@ def design(
     slopes, told = unknowns.slopes(z), experiment.covariance(best)[:f, :f]
     covariance = slopes @ told @ slopes.T
     deviations = np.sqrt(np.diag(covariance))
-    lines = [f"# A motion of {module.NAME} that tells these numbers; expected deviations:"]
+    lines = [
+        f"# A motion that identifies these numbers of {module.NAME}; expected standard deviations:"
+    ]
     lines += [f"# {n} ± {s:.2g}" for n, s in zip(unknowns.names, deviations, strict=True)]
     tables, names = experiment.tables_of(best), tuple(unknowns.names)
     lines += toml_lines({key: x for key, x in tables.items() if not isinstance(x, Mapping)})
@@ -258,7 +260,7 @@ class _Experiment:
         span = np.where(np.isfinite(most - least), most - least, 0.0)
         room = np.minimum(flight.commanded - least, most - flight.commanded)
         if np.any(room < (1.0 - _USED) * span):
-            raise UsageError(f"{self.module.NAME}: its inputs come to their limits")
+            raise UsageError(f"{self.module.NAME}: its inputs reach their limits")
         recording = recording_of(flight, self.module, flight.scenario)
         frames = imus_of(self.module, recording)
         self._model = self._model or model_of(self.module, [recording])
@@ -307,7 +309,7 @@ def searched(
         try:
             value = judge(x)
         except KeyboardInterrupt:
-            _log.warning("stopped after %d of %d motions; the best of them is kept", number, tries)
+            _log.warning("stopped after %d of %d motions; the best one is kept", number, tries)
             break
         if value < least:
             way, best, least, length = x - best, x, value, min(_STEP, _LONGER * length)

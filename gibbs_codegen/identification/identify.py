@@ -155,7 +155,7 @@ def identify(
     recordings = [part for log, rows in zip(whole, spans, strict=True) for part in cut(log, [rows])]
     if not recordings:
         lasts = ", ".join(f"{log.source} lasts {log.time[-1]:.4g} s" for log in whole)
-        words = f"no log has enough from {between[0]:g} to {between[1]:g} s; {lasts}"
+        words = f"no log has enough samples from {between[0]:g} to {between[1]:g} s; {lasts}"
         raise UsageError(f"between: {words}")
     unknowns, frames = Unknowns(module, free, prior), imus_of(module, recordings[0])
     model = model_of(module, recordings)
@@ -166,11 +166,13 @@ def identify(
         )
     ends = [round(len(r.time) * (1.0 - hold_out)) for r in recordings]
     used = [part_of(r, slice(end)) for r, end in zip(recordings, ends, strict=True)]
-    progress("numbers to begin with", 0.0)
+    progress("initial numbers", 0.0)
     readings = [Readings(r, module, frames) for r in used]
     blind = {log.blind: log.source for log in readings}
     if len(blind) > 1:
-        raise UsageError(f"{blind[True]}: tells no pose, as {blind[False]} does; take them apart")
+        raise UsageError(
+            f"{blind[True]}: has no pose, but {blind[False]} does; identify from them separately"
+        )
     regression = Regression(model, unknowns, readings)
     sources = [*dict.fromkeys(r.source for r in recordings)]
     pairs = zip(recordings, ends, strict=True)
@@ -208,7 +210,7 @@ def identify(
     if rest:
         of_file = np.concatenate([np.zeros(f), estimate.shared[f:]])
         errors = [
-            _errors_ahead(*fitted(rest, shared, "what was held out", numbers=False))
+            _errors_ahead(*fitted(rest, shared, "the part held out", numbers=False))
             for shared in (of_file, estimate.shared)
         ]
         prediction = {name: (errors[0][name], errors[1][name]) for name in errors[0]}
@@ -220,7 +222,10 @@ def identifiable(robot: ModuleType | str | os.PathLike[str]) -> ModuleType:
     """The module of a robot; `UsageError` if it has loops of a mechanism."""
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     if getattr(module, "LOOPS", ()):
-        raise UsageError(f"{module.NAME}: has a mechanism with loops, whose forces no log tells")
+        raise UsageError(
+            f"{module.NAME}: has loops, whose constraint forces no log contains; identify needs "
+            "a tree of joints"
+        )
     return module
 
 
@@ -244,7 +249,7 @@ def check_given(logs: Sequence[Log], prior: float, hold_out: float) -> None:
         raise UsageError(f"hold_out, a share, must be from 0 to 0.9, but is {hold_out:g}")
     for log in logs:
         if isinstance(log, str | os.PathLike) and not Path(log).exists():
-            raise UsageError(f"{printable(log)}: is not there; give a log")
+            raise UsageError(f"{printable(log)}: does not exist; give a log")
 
 
 def _recordings(log: Log, module: ModuleType, names: Mapping[str, str | float]) -> list[Recording]:
@@ -279,7 +284,7 @@ def _without_pose(
         covariance[:-1, :-1],
         settled,
         dict(zip(regression.names, shares.tolist(), strict=True)),
-        {"how much later readings are than commands, s": (float(y[-1]), delay)},
+        {"delay of readings behind commands, s": (float(y[-1]), delay)},
         sources,
         prediction,
     )
@@ -392,8 +397,10 @@ def _contradictions(unknowns: Unknowns, z: Array) -> dict[str, str]:
     return {
         name: f"{name}: {value:.4g} is "
         + (f"{value / before:.3g} times" if before else "far from")
-        + f" the robot file's {before:.4g}, {away:.2g} deviations of the prior away; the free "
-        "numbers alone may not explain the log (or give a greater --prior)"
+        + (
+            f" the robot file's {before:.4g}, {away:.2g} deviations of the prior away; the free "
+            "numbers alone may not explain the log (if it is right, give a greater --prior)"
+        )
         for name, before, value, away in rows
         if away > _CONTRADICTS
     }
@@ -414,7 +421,7 @@ def _advice(unknowns: Unknowns) -> tuple[str, ...]:
         words = " and ".join(lacking)
         advice.append(f"add {words} to the links of the robot file whose joints rub")
     advice.append("take a shorter part of the log, in which nothing touches it (--between)")
-    return (*advice, "the greatest residuals below show where the robot file lacks something")
+    return (*advice, "the greatest residuals below show what the robot file lacks")
 
 
 _FELT = (
@@ -441,11 +448,11 @@ def unseen(unknowns: Unknowns, covariance: Array, slopes: Array) -> tuple[str, .
             count = int(np.sum(np.abs(direction) > _PART))
             if count < 2 and surer[order[0]] > _UNSEEN:
                 name = unknowns.names[order[0]]
-                clauses[f"{name}: the log says nothing of it, the prior alone does"] = None
+                clauses[f"{name}: the log does not determine it; the prior does"] = None
             else:
                 parts = [unknowns.names[k] for k in order[: min(4, max(2, count))]]
                 words = f"{', '.join(parts[:-1])} and {parts[-1]}"
-                clauses[f"{words}: the log does not tell them apart"] = None
+                clauses[f"{words}: the log determines only a combination of them"] = None
     return tuple(clauses)
 
 

@@ -74,19 +74,19 @@ class Recording:
         steps = np.diff(self.time)
         if len(self.time) < _LEAST:
             raise UsageError(
-                f"{self.source}: has {len(self.time)} samples; {_LEAST} are the fewest that tell "
-                "anything: record for longer, or more often"
+                f"{self.source}: has {len(self.time)} samples and needs {_LEAST}; record for "
+                "longer, or more often"
             )
         if np.ptp(steps) > _UNEVEN * np.median(steps):
             late = self.time[int(np.abs(steps - np.median(steps)).argmax())]
             raise UsageError(
-                f"{self.source}: its samples are not evenly spaced at {late:.6g} s: a gap, or a "
-                "clock that goes back; cut the log there, and give its parts as logs of their own"
+                f"{self.source}: its samples are not evenly spaced at {late:.6g} s (a gap, or a "
+                "clock that jumps back); cut the log there, and give the parts as separate logs"
             )
         if not np.isfinite(self.commands).all():
             raise UsageError(
-                f"{self.source}: does not tell what motors and servos were commanded at all times; "
-                "without it no force is known"
+                f"{self.source}: has no command of some motor or servo at some time, and forces "
+                "need it; cut that part out"
             )
 
     @property
@@ -107,9 +107,7 @@ def cut(recording: Recording, parts: Sequence[slice]) -> list[Recording]:
     lengths = [part.stop - part.start for part in parts]
     for part, length in zip(parts, lengths, strict=True):
         if 0 < length < _LEAST:
-            words = (
-                "%s: %d samples from %.4g s on are left out, since %d are the fewest in one piece"
-            )
+            words = "%s: %d samples from %.4g s on are left out, because a part needs at least %d"
             _log.warning(words, recording.source, length, recording.time[part.start], _LEAST)
     rows = zip(parts, lengths, strict=True)
     return [part_of(recording, part) for part, length in rows if length >= _LEAST]
@@ -122,13 +120,13 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
     """
     if flight.held:
         raise UsageError(
-            f"{source}: {', '.join(flight.held)} held the robot, by forces that no log tells; "
-            "give a flight without [[hold]]"
+            f"{source}: {', '.join(flight.held)} held the robot, with forces that no log "
+            "contains; give a flight without [[hold]]"
         )
     if flight.coordinates != module.COORDINATES:
         raise UsageError(
-            f"{source}: is a flight of {flight.robot}, whose coordinates are not those of "
-            f"{module.NAME}; give the robot that flew"
+            f"{source}: is a flight of {flight.robot}, and its coordinates differ from "
+            f"{module.NAME}'s; give the robot that flew"
         )
     time = flight.time
     every = max(1, round(_SHORTEST / float(np.median(np.diff(time)))))
@@ -155,8 +153,8 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
     sent = {**({} if vehicle.is_driven else log.inputs), **log.commands}
     if lacking := [name for name in vehicle.commands if name not in sent]:
         raise UsageError(
-            f"{source}: does not tell {', '.join(lacking)}, without which no force is known; name "
-            f"what it is called there (--name {lacking[0]}=NAME)"
+            f"{source}: has no {', '.join(lacking)}, and forces need it; give its name in the "
+            f"log (--name {lacking[0]}=NAME)"
         )
     logged: dict[Any, Samples] = {("u", name): sent[name] for name in vehicle.commands}
     if log.position is not None and log.attitude is not None:
@@ -172,9 +170,7 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
     rates = ", ".join(f"{title(name)} {1.0 / x:.4g}" for name, x in spacing.items())
     _log.info("%s: samples a second: %s", source, rates)
     if (seldom := max(x for name, x in spacing.items() if name[0] == "u")) > _SELDOM:
-        words = (
-            "%s: commands are logged %.3g times a second: of lags and quick motion it tells little"
-        )
+        words = "%s: commands are logged %.3g times a second, too rarely for lags and quick motion"
         _log.warning(words, source, 1.0 / seldom)
     step = max(_SHORTEST, min(x for name, x in spacing.items() if name[0] != "u"))
     begin, end = (f(s.time[k] for s in series.values()) for f, k in ((max, 0), (min, -1)))
@@ -213,7 +209,7 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
     late = np.flatnonzero(np.diff(times) > _GAP * 1e9)
     cuts = [0, *np.searchsorted(grid, times[late + 1]).tolist(), len(grid)]
     for k in late:
-        words = "%s: commands are not known for %.3g s after %.6g s; it is cut there"
+        words = "%s: commands are not known for %.3g s after %.6g s; the log is cut there"
         _log.warning(words, source, *((np.diff(times)[k], times[k] - begin) * np.array(1e-9)))
     ends = [*np.searchsorted(grid, times[late]).tolist(), len(grid)]
     seconds = step * np.arange(len(grid), dtype=np.float64)
@@ -283,9 +279,7 @@ def _take_back_delay(series: dict[Any, Samples], source: str) -> None:
     before, at, after = misses[best - 1 : best + 2]
     delay = (lags[best] + 0.5 * (before - after) / (before - 2.0 * at + after)) * _FINE
     if abs(delay) > 0.5 * _FINE:
-        _log.warning(
-            "%s: the pose is %.4f s later than the IMU, which is taken back", source, delay
-        )
+        _log.warning("%s: the pose lags the IMU by %.4f s, which is corrected", source, delay)
         for name in ("position", "attitude"):
             samples = series[name]
             series[name] = samples._replace(time=samples.time - round(delay * 1e9))
@@ -310,8 +304,8 @@ def _turn(module: Any, layout: Layout, frames: Sequence[str]) -> tuple[int, Arra
     moves = module.frame_jacobians(neutral)[places][..., joints].any(axis=(1, 2))
     if moves.all():
         raise UsageError(
-            f"without a pose an IMU on the base tells how it turns; {', '.join(frames)} are on "
-            "links: give a log with an IMU on the base, or with a pose"
+            f"without a pose an IMU on the base is needed, and {', '.join(frames)} are on links; "
+            "give a log with an IMU on the base, or with a pose"
         )
     place = int(np.argmin(moves))
     return place, np.asarray(module.frame_poses(neutral)[places[place], :3, :3])
@@ -367,8 +361,8 @@ class Readings:
         if self.blind:
             if not layout.is_quaternion:
                 raise UsageError(
-                    f"{self.source}: tells no pose, without which attitudes are no angles; give "
-                    'the robot file attitude = "quaternion"'
+                    f"{self.source}: has no pose, which attitude angles need; set attitude = "
+                    '"quaternion" in the robot file'
                 )
             lacking[layout.q.base] = False
             known[:, layout.q.base] = True
@@ -390,7 +384,7 @@ class Readings:
         )
         if self.blind and (np.isfinite(self.felt).sum(axis=0) < _LEAST_READINGS).any():
             raise UsageError(
-                f"{self.source}: tells no pose, and an IMU reads nothing in a part of it; cut that "
+                f"{self.source}: has no pose, and in a part an IMU has no readings; cut that "
                 "part out (--between)"
             )
         self.felt_filled = _filled(self.felt)

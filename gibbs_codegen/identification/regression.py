@@ -54,17 +54,17 @@ class Regression:
         if self.blind:
             if fast < 2 * _SLOW:
                 raise UsageError(
-                    f"{logs[0].source}: tells no pose, and has {1 / h:.3g} samples a second; "
-                    f"{_SLOW / 0.2:g} are the fewest of such logs: record more often"
+                    f"{logs[0].source}: has no pose and {1 / h:.3g} samples a second; such logs "
+                    f"need {_SLOW / 0.2:g}: record more often"
                 )
             if not self.logs:
                 raise UsageError(
-                    f"{logs[0].source}: tells no pose, and is too short for that, or what is held "
-                    f"out of it; {2 * _EDGE:g} s of it are used up by filters"
+                    f"{logs[0].source}: has no pose, and it or its held-out part is too short; "
+                    f"filters use up {2 * _EDGE:g} s: record for longer"
                 )
             for log in logs:
                 if log not in self.logs:
-                    words = "%s: a part is left out, of %.3g s, since filters use up %g"
+                    words = "%s: a part of %.3g s is left out, because filters use up %g s"
                     _log.warning(words, log.source, h * len(log.q), 2 * _EDGE)
             self._turns = butter(3, (_SLOW, fast), "bandpass", fs=1 / h, output="sos")
         self._rows = slice(edge, -edge or None, max(1, round(1 / h / _SAMPLES / fast)))

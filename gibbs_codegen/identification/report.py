@@ -26,8 +26,8 @@ def _sections(found: Identified) -> Iterator[Section]:
     """Titles, headings and rows of tables."""
     if not found.settled:
         title = (
-            f"{found.robot}: the fit did not settle. The numbers below are no results: they have "
-            "no deviations, and no robot file is written"
+            f"{found.robot}: the fit did not converge. The numbers below are not results: they "
+            "have no deviations, and no robot file is written"
         )
         yield title, ("",), [(words,) for words in found.advice]
     rows: list[tuple[str, ...]] = []
@@ -41,10 +41,10 @@ def _sections(found: Identified) -> Iterator[Section]:
     yield f"{found.robot}, from {found.source}, in SI units", heads, rows
     if found.contradictions:
         rows = [(words,) for words in found.contradictions]
-        yield "What contradicts the robot file", ("",), rows
+        yield "Contradictions with the robot file", ("",), rows
     if found.settled:
-        listed = [(words,) for words in found.unseen] or [("Nothing that was free.",)]
-        yield "What the log cannot tell", ("",), listed
+        listed = [(words,) for words in found.unseen] or [("Nothing.",)]
+        yield "What the log cannot identify", ("",), listed
     size = np.sqrt(np.diag(found.covariance))
     correlation = found.covariance / np.outer(size, size)
     pairs = [
@@ -54,12 +54,12 @@ def _sections(found: Identified) -> Iterator[Section]:
         if abs(correlation[i, j]) > _CORRELATED
     ]
     if pairs:
-        title = f"Numbers that go together, the {_MOST} most"
+        title = f"Most correlated numbers, at most {_MOST}"
         rows = [pair[1:] for pair in sorted(pairs, reverse=True)[:_MOST]]
         yield title, ("number", "with", "correlation"), rows
     if found.prediction:
         rows = [(name, *(f"{x:.3g}" for x in pair)) for name, pair in found.prediction.items()]
-        title = "Errors of predictions, where the log was held out"
+        title = "Errors of predictions in the held-out part of the log"
         yield title, ("of", "by the robot file", "as identified"), rows
     rows = [
         (name, f"{x:.4g}", f"{s:.2g}" if np.isfinite(s) else "")
@@ -73,8 +73,8 @@ def _sections(found: Identified) -> Iterator[Section]:
         )
     rows = [(name, f"{x:.2f}") for name, x in found.residuals.items()]
     title = (
-        "Residuals: of readings over their deviations, about 1 where everything is explained; of "
-        "accelerations the share that is not"
+        "Residuals: of readings divided by their deviations, about 1 if the model explains "
+        "them; of accelerations the unexplained share"
     )
     yield title, ("reading", "root mean square"), rows
 

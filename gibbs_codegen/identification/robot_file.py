@@ -44,8 +44,8 @@ def with_numbers(text: str, changes: Mapping[str, float], words: Mapping[str, st
         key, prefix = next(((k, p) for k, p in zip(keys, prefixes, strict=True) if k), ("", ""))
         if not key:
             raise UsageError(
-                f"{name}: does not stand in the robot file by itself, where it could be replaced; "
-                "leave it out (--free)"
+                f"{name}: has no value of its own in the robot file to replace; leave it out "
+                "(--free)"
             )
         path = f"{tables[prefix]}.{key}"
         while path not in lines and key != "thrust_curve":

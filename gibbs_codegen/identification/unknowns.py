@@ -57,9 +57,7 @@ class Unknowns:
         self._members = self._ties() | {name: (name,) for name in self.file} | self._loads()
         self.names = self._chosen(free)
         if not self.names:
-            raise UsageError(
-                f"{module.NAME}: has no number that is free by default; give some (--free)"
-            )
+            raise UsageError(f"{module.NAME}: no number is free by default; give some (--free)")
         self._bodies, self._scales = self._bodies_of(), dict[str, float]()
         places = {f"{frame_prefix(frame)}_{axis}" for frame in module.FRAMES for axis in XYZ}
         for name in self.names:
@@ -71,8 +69,8 @@ class Unknowns:
                 self._scales[name] = self._gyration(name.partition("_com_")[0])
             elif any(self.file[member] == 0.0 for member in self._members[name]):
                 raise UsageError(
-                    f"--free {name}: is 0 in the robot file, from where no factor leads away; give "
-                    "it a value to begin with, or leave it out"
+                    f"--free {name}: is 0 in the robot file, and the fit scales numbers; give it "
+                    "an initial value there, or leave it out"
                 )
 
     def _ties(self) -> dict[str, tuple[str, ...]]:
@@ -102,7 +100,7 @@ class Unknowns:
         if lacking := [number for number in _numbers_of(body) if number not in self.file]:
             raise UsageError(
                 f"--free {name}: {self.module.NAME} has no {lacking[0]}, which a load changes; "
-                "generate it with --all-parameters"
+                "generate the module with --all-parameters"
             )
         self.file[name] = _LIGHT * self.file[f"{body}_mass"] if end == "mass" else 0.0
         self._scales[name] = (_ANY_MASS if end == "mass" else _ANYWHERE) / self.prior
@@ -138,9 +136,9 @@ class Unknowns:
                 known = {n.rpartition("_")[0] for n in self._loads()} if carried else self._members
                 hint = near(pattern, known) or "."
                 raise UsageError(
-                    f"--free {printable(pattern)}: {self.module.NAME} has none that is not 0 in "
-                    f"its file{hint} Free by default are {', '.join(by_default)}; `gibbs-codegen "
-                    "info` has all numbers"
+                    f"--free {printable(pattern)}: {self.module.NAME} has no such number other "
+                    f"than 0{hint} Free by default: {', '.join(by_default)}; `gibbs-codegen "
+                    "info` lists all numbers"
                 )
             chosen |= dict.fromkeys(names)
         for name in [*chosen]:  # Of one moment alone some values are those of no body.
@@ -157,9 +155,7 @@ class Unknowns:
         ]
         if both:
             member = next(name for name in self._members[both[0]] if name in chosen)
-            raise UsageError(
-                f"--free {both[0]}: has {member}, which is free by itself as well; give one of them"
-            )
+            raise UsageError(f"--free {both[0]}: {member} is free by itself too; give one of them")
         return [name for name in self._members if name in chosen]
 
     def _bodies_of(self) -> dict[str, tuple[str, ...]]:

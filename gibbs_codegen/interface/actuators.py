@@ -35,7 +35,7 @@ ACTUATORS = (
         ("command",),
         _DRIVEN,
         Output("thrusts", "r", "N", "{rotors}"),
-        "Thrusts at rest for commands that stay, at the battery's nominal voltage.",
+        "Steady-state thrusts for constant commands, at the battery's nominal voltage.",
         "thrust curves of the robot file",
     ),
     _row(
@@ -43,40 +43,41 @@ ACTUATORS = (
         ("q", "v", "u"),
         _SOME,
         Output("command", "m", "1, rad/s, rad, m, N or N m", "{commands}"),
-        "Commands that give thrusts and torques u at rest, at the nominal voltage.",
+        "Commands whose steady-state thrusts and torques are u, at the nominal voltage.",
         "thrust curves and servos of the robot file, inverted",
-        "Of a servo the position or rate at which it pushes so much at q, v, without friction, "
-        "backlash and limits. Thrusts that a curve does not reach give the level where it turns.",
+        "For a servo, the position or rate at which it exerts u at q, v, without friction, "
+        "backlash and limits. A thrust outside the range of its curve gives the command at the "
+        "end of the range.",
     ),
     _row(
         "inputs_of",
         ("q", "v", "x", "command"),
         _SOME,
         Output("inputs", "u", "N or N m", "{inputs}"),
-        "Thrusts and torques u that act at a state x of the actuators.",
-        details="Those of joints include their dry friction.",
+        "Thrusts and torques u at a state x of the actuators.",
+        details="Entries of joints include dry friction.",
     ),
     _row(
         "actuator_rates",
         ("x", "command"),
         _STATED,
         Output("rates", "z", "rad/s^2, rad/s, m/s, N/s or 1/s", "{actuator_rates}"),
-        "Rates of the state x of the actuators: of motors, servos and battery.",
+        "Time derivative of the state x of the actuators (motors, servos, battery).",
     ),
     _row(
         "actuator_state_of",
         ("command",),
         _STATED,
         Output("state", "z", "rad/s, 1, rad, m or N", "{actuator_states}"),
-        "State x of the actuators that commands keep, with a full battery.",
-        details="References of servos are their commands.",
+        "Steady state x of the actuators for constant commands, with a full battery.",
+        details="References of servos equal their commands.",
     ),
     _row(
         "rotor_speeds",
         ("x", "command"),
         _DRIVEN,
         Output("speeds", "r", "rad/s", "[rad/s] of {rotor_names}"),
-        "Speeds of the rotors at a state x of the actuators; 0 where they are not known.",
+        "Speeds of the rotors at a state x of the actuators; 0 if unknown.",
     ),
 )
 # What functions give where commands are inputs, and nothing follows them: entries of their last
@@ -101,7 +102,7 @@ def _parameters(row: Row) -> Row:
     [output] = row.outputs
     words = "[{unit}], each by each of PARAMETERS"
     slope = Output(f"{output.name}_dp", f"{output.shape}p", output.unit, words, f"{row.name}_dp")
-    summary = f"Derivatives of what {row.name} returns by the parameters."
+    summary = f"Derivatives of the results of {row.name} by the parameters."
     return derivative(row, "parameters", (slope,), summary)
 
 

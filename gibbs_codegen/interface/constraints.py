@@ -26,8 +26,8 @@ _IMPULSES = Output("impulses", "l", "N s or N m s", "{constraint_impulses}")
 _KINEMATICS = "forward kinematics"
 _BORDERED = "eqs. 14 and 15, with a row and a column for each constraint"
 _REDUNDANT = (
-    "Where constraints are redundant or of no effect, they are the least that do, by the sum of "
-    "their squares. Those of constraints that are not active are 0."
+    "If constraints are redundant or have no effect, these have the least sum of squares. "
+    "Entries of inactive constraints are 0."
 )
 
 
@@ -37,27 +37,27 @@ CONSTRAINTS = on_request(
         "constraint_errors",
         "q",
         (_ERRORS,),
-        "How far the constraints are from being met: zero where they are.",
+        "Errors of the constraints; zero where a constraint is met.",
         _KINEMATICS,
-        "Along the axes of the anchor, and then the sine of the turn about them. Of a distance L "
-        "it is (r^2 - L^2)/(2 L), where r is the distance.",
+        "Positions along the axes of the anchor, then sines of the rotation about them. For a "
+        "distance L the error is (r^2 - L^2)/(2 L), where r is the actual distance.",
     ),
     Row(
         "constraint_jacobian",
         "q",
         (_JACOBIAN,),
-        "Jacobian J of the constraints: J v are velocities against what carries the anchor.",
+        "Jacobian J of the constraints: J v are velocities relative to the body with the anchor.",
         _KINEMATICS,
-        "Its transpose takes forces, and torques in rows of turns, to generalised forces: at the "
-        "frame that is held, and opposite ones at the same place on what carries the anchor.",
+        "J^T maps constraint forces and torques to generalised forces. They act on the held "
+        "frame, and with opposite sign at the same point of the body with the anchor.",
     ),
     Row(
         "constraint_bias",
         "qv",
         (_BIAS,),
-        "Accelerations of the constraints where a is zero: they are J a plus this.",
+        "Accelerations of the constraints where a is zero; the whole ones are J a plus this.",
         _KINEMATICS,
-        "Without what brings errors back to zero.",
+        "The stabilisation of errors is not included.",
     ),
     Row(
         "constrained_forward_dynamics",
@@ -72,27 +72,28 @@ CONSTRAINTS = on_request(
         "impact",
         ("q", "v", "active", "restitution"),
         (_VELOCITY, replace(_IMPULSES, derivation="impact_impulses")),
-        "Velocities after an impact on the active constraints, and their impulses.",
+        "Velocities after an impact on the active constraints, and the impulses of these.",
         _BORDERED,
-        "By Newton's law J v is then -e times what it was, by the restitution e of each: 0 takes "
-        "hold, and 1 of all keeps the kinetic energy. Where constraints of different e feel each "
-        f"other, some may be gained. Signs of J v make no difference. {_REDUNDANT}",
+        "By Newton's law the impact multiplies J v by -e, with the restitution e of each "
+        "constraint: e = 0 holds, and e = 1 for all conserves kinetic energy. Coupled "
+        "constraints with different e may gain energy. The law applies to either sign of J v. "
+        f"{_REDUNDANT}",
     ),
     Row(
         "operational_inertia",
         ("q", "active"),
         (Output("inertia", "ll", "kg, kg m or kg m^2"),),
-        "Inertia that the active constraints feel: the pseudo-inverse of J M^-1 J^T.",
+        "Inertia seen by the active constraints: the pseudo-inverse of J M^-1 J^T.",
         _BORDERED,
-        "Rows and columns of constraints that are not active are 0.",
+        "Rows and columns of inactive constraints are 0.",
     ),
     Row(
         "constraint_projection",
         ("q", "active"),
         (Output("displacement", "v", "rad or m", "{displacement}"),),
-        "Displacement, for integrate, to where the active constraints are met: a Newton step.",
+        "Newton step, a displacement for integrate, towards meeting the active constraints.",
         _BORDERED,
-        "Of all that do, the least by the mass matrix. Small errors become their squares.",
+        "It has the least norm in the mass matrix. Small errors become their squares.",
     ),
     needs=("CONSTRAINTS",),
 )

@@ -44,9 +44,7 @@ _BY_Q_AND_U = (
 )
 _BETWEEN = "[kg m^2/s] between angles, [kg/s] between lengths, [kg m/s] between both"
 _SPACES = "1, rad/m or m/rad"
-TANGENT = (
-    "Derivatives by q are those by a displacement in the tangent space, which integrate applies."
-)
+TANGENT = "Derivatives by q are by a displacement in the tangent space, which integrate applies."
 _MOTION = "eqs. 4-6, differentiated"
 _INPUTS = "eqs. 7-13, differentiated"
 _BOTH_TRIANGLES = "symmetric, with both triangles filled."
@@ -142,20 +140,20 @@ DERIVATIVES = on_request(
     _along(
         "inverse_dynamics",
         "Derivative of the generalised forces M a - R along a direction of q, v and a.",
-        "It is force_dq q_dot + force_dv v_dot + M a_dot, without these matrices. With the rates "
-        "of q, v and a for the direction it is the rate of the forces.",
+        "It is force_dq q_dot + force_dv v_dot + M a_dot, computed without these matrices. With "
+        "the rates of q, v and a as the direction it is the rate of the forces.",
     ),
     _along(
         "forward_dynamics",
         "Derivative of the accelerations a of M a = R + B u along a direction of q, v and u.",
-        "It is acceleration_dq q_dot + acceleration_dv v_dot + acceleration_du u_dot, without "
-        "these matrices.",
+        "It is acceleration_dq q_dot + acceleration_dv v_dot + acceleration_du u_dot, computed "
+        "without these matrices.",
     ),
     _along(
         "forward_dynamics_with_wrenches",
         "Derivative of forward_dynamics_with_wrenches along a direction of q, v, u and W.",
-        "It is loaded_dq q_dot + loaded_dv v_dot + loaded_du u_dot + loaded_dW W_dot, without "
-        "these matrices.",
+        "It is loaded_dq q_dot + loaded_dv v_dot + loaded_du u_dot + loaded_dW W_dot, computed "
+        "without these matrices.",
     ),
     _along(
         "joint_wrenches_with_wrenches",
@@ -168,8 +166,8 @@ DERIVATIVES = on_request(
         "inverse_dynamics",
         (_block("q", "q"), _block("q", "v"), _block("v", "v"), _block("q", "a")),
         "Second derivatives of w^T inverse_dynamics(q, v, a).",
-        "Those that are left out, by v and a and by a twice, are zero. "
-        f"{TANGENT} qq and vv are {_BOTH_TRIANGLES}",
+        f"The others, by v and a and by a twice, are zero. {TANGENT} qq and vv are "
+        f"{_BOTH_TRIANGLES}",
     ),
     _hessian(
         "forward_dynamics",
@@ -184,7 +182,7 @@ DERIVATIVES = on_request(
     _along(
         "input_matrix",
         "Derivative of the input matrix B along a direction of q.",
-        "With the rate of q for the direction it is the rate of B.",
+        "With the rate of q as the direction it is the rate of B.",
     ),
     _gradient("input_matrix", "the sum of the entries of B, each times its weight,"),
     Row(
@@ -237,7 +235,7 @@ DERIVATIVES = on_request(
     _along(
         "centre_of_mass_jacobian",
         "Derivative of the Jacobian of the centre of mass along a direction of q.",
-        "With the rate of q for the direction it is the Jacobian's rate.",
+        "With the rate of q as the direction it is the Jacobian's rate.",
     ),
     _gradient(
         "centre_of_mass_jacobian", "the sum of the Jacobian's entries, each times its weight,"
@@ -286,19 +284,19 @@ PARAMETERS = on_request(
         (Output("regressor", "vn", "N m or N", "{forces}, each by each of BASE_PARAMETERS"),),
         "Matrix whose product with the base parameters is the inertial part of M a - R.",
         "eqs. 4-6, which are linear in the inertias",
-        "regressor(q, v, a) base_parameters() = inverse_dynamics(q, v, a) without dampers, springs "
-        "and armature. No column is a combination of the others at every state.",
+        "regressor(q, v, a) base_parameters() = inverse_dynamics(q, v, a) without dampers, "
+        "springs and armature. The columns are linearly independent over all states.",
     ),
     Row(
         "base_parameters",
         "",
         (Output("parameters", "n", "kg, kg m or kg m^2", "{base_parameters}"),),
-        "The fewest numbers of the bodies that determine the equations of motion.",
+        "Base parameters: the fewest inertial numbers that determine the equations of motion.",
         "regrouping of the inertias",
         "Mass, first moment and second moments (integrals of r r^T dm, not moments of inertia) "
-        "about the joint, with z along it. The numbers that are missing here are added to those of "
-        "the parent: of a body that turns, its mass and what is along the joint; of a body that "
-        "slides, its second moments.",
+        "about the joint, with z along its axis. Missing numbers are added to those of the "
+        "parent body: for a rotating body its mass and moments along the axis, for a sliding "
+        "body its second moments.",
     ),
     derivative(
         _OF["inverse_dynamics"],
@@ -356,10 +354,10 @@ def _step(name: str, method: str, composed: dict[str, int], details: str) -> tup
             f"{name}_derivatives",
             "qvuh",
             (*after, *_SLOPES),
-            f"What {name} gives, and its derivatives by q, v and u.",
+            f"Results of {name}, and their derivatives by q, v and u.",
             source,
-            "A displacement d of q and v together and one e of u move the result by A d + B e, "
-            "with displacements of q and q_next in the tangent space, as integrate applies them.",
+            "A displacement d of (q, v) and a change e of u move the result by A d + B e. "
+            "Displacements of q and q_next are in the tangent space, as integrate applies them.",
             composed=with_derivatives,
             derivative_of=name,
             kind="jacobian",
@@ -381,7 +379,7 @@ STEPS = on_request(
         "a Runge-Kutta method of fourth order",
         {"forward_dynamics": 4, "integrate": 5},
         "Inputs are constant in the step. With attitude angles it is the classical method. A "
-        "quaternion moves by exponentials alone, without commutators (Celledoni, Marthinsen and "
-        "Owren, 2003), which keeps the order, and the unit length.",
+        "quaternion moves by exponentials without commutators (Celledoni, Marthinsen and Owren, "
+        "2003), which keeps the order and the unit length.",
     ),
 )

@@ -23,7 +23,7 @@ DYNAMICS = of_group(
         (_MASS_MATRIX, _RESIDUAL),
         "Mass matrix M and residual R of M a = R + B u, in one pass.",
         "eqs. 5, 11 and 18, reduced to the free coordinates",
-        "R holds velocity terms, gravity, dampers and springs, with the sign of a force.",
+        "R contains velocity terms, gravity, dampers and springs, with the sign of a force.",
         parts=("mass_matrix", "residual"),
     ),
     Row(
@@ -40,8 +40,8 @@ DYNAMICS = of_group(
         (_RESIDUAL,),
         "Residual R of M a = R + B u, with the sign of a force.",
         "eqs. 5, 11 and 18, reduced to the free coordinates",
-        "Velocity terms, gravity, dampers and springs. Without the last two it is minus what "
-        "Pinocchio calls nonLinearEffects.",
+        "R contains velocity terms, gravity, dampers and springs. Without the last two it is "
+        "minus Pinocchio's nonLinearEffects.",
     ),
     Row(
         "input_matrix",
@@ -49,7 +49,7 @@ DYNAMICS = of_group(
         (Output("input_matrix", "vu", "N/N, N m/N or N m/(N m)", LEVERS),),
         "Input matrix B of M a = R + B u.",
         "eqs. 7-13",
-        "Column k holds the generalised forces of a unit of input k.",
+        "Column k contains the generalised forces of a unit of input k.",
     ),
     Row(
         "forward_dynamics",
@@ -57,9 +57,8 @@ DYNAMICS = of_group(
         (Output("acceleration", "v", ACCELERATIONS, "{accelerations}"),),
         "Accelerations a of M a = R + B u.",
         "eq. 19, solved for the free coordinates",
-        "Accurate at every attitude{singularity}. Where links without mass or thickness let joints "
-        "move nothing, as a massless wrist with two axes in line, results are huge, infinite or "
-        "not a number.",
+        "Accurate at every attitude{singularity}. Where a joint moves no mass, as in a massless "
+        "wrist with two axes in line, results are huge, infinite or NaN.",
     ),
     Row(
         "inverse_dynamics",
@@ -101,9 +100,9 @@ DYNAMICS = of_group(
         "constraint_torques",
         "qvau",
         (Output("torque", "c", "N m", "{constraint_torques}"),),
-        "Torques that hold the constrained joints: base arms 2 ... N, and constrained links.",
+        "Constraint torques of the constrained joints: base arms 2 ... N, and constrained links.",
         "eqs. 14 and 15",
-        "Linear in the accelerations and inputs, which need not fit each other.",
+        "Linear in the accelerations and inputs, which need not be consistent.",
         group="hybrid",
     ),
     Row(
@@ -128,7 +127,7 @@ DYNAMICS = of_group(
         "potential_energy",
         "q",
         (Output("energy", "", "J"),),
-        "Potential energy in J: of the weight, zero at world Z = 0, and of the springs.",
+        "Potential energy in J of gravity, zero at world Z = 0, and of the springs.",
         "gravity times the first moment of mass",
         group="energies",
     ),
@@ -138,7 +137,7 @@ DYNAMICS = of_group(
         (Output("force", "v", "N m or N", "{forces}"),),
         "Generalised forces of gravity: gravity's part of R.",
         "eqs. 5 and 6 at rest",
-        "They are minus what Pinocchio calls the generalised gravity.",
+        "They are minus Pinocchio's generalised gravity.",
     ),
     Row(
         "wrench_forces",
@@ -146,7 +145,7 @@ DYNAMICS = of_group(
         (Output("force", "v", "N m or N", "{forces}"),),
         "Generalised forces of wrenches on the frames: the sum of J^T W.",
         "eq. 7",
-        "They add to B u. The wrenches are carried in from body to body, without a Jacobian.",
+        "They add to B u. They are computed from body to body, without a Jacobian.",
     ),
     Row(
         "forward_dynamics_with_wrenches",
@@ -160,12 +159,12 @@ DYNAMICS = of_group(
         "joint_wrenches",
         "qvau",
         (Output("wrenches", "b6", "N or N m", LOADS),),
-        "The whole wrench through every joint: what the parent does to the body, at the joint.",
+        "Wrench through every joint: force and torque of the parent on the body, at the joint.",
         "eqs. 6 and 14, all six components",
-        "It is in the axes of the joint's frame, which the robot file gives the body. Gravity, "
-        "inertia and thrusts of all that the joint carries balance it, at the given accelerations, "
-        "which need not fit the inputs. Where they do, its component along a joint that moves is "
-        "the joint's input less armature, damper and spring.",
+        "It is in the axes of the joint's frame, which the robot file gives for the body. It "
+        "balances gravity, inertia and thrusts of all bodies beyond the joint, at the given "
+        "accelerations, which need not be consistent with the inputs. If they are, its "
+        "component along a moving joint is the joint's input less armature, damper and spring.",
         group="loads",
         on_request=True,
     ),
@@ -173,9 +172,9 @@ DYNAMICS = of_group(
         "joint_wrenches_with_wrenches",
         "qvauW",
         (Output("wrenches", "b6", "N or N m", LOADS),),
-        "The whole wrench through every joint, where wrenches act on the frames too.",
+        "Wrench through every joint, with wrenches on the frames.",
         "eqs. 6, 7 and 14, all six components",
-        "As joint_wrenches, less what the wrenches on the frames of all that a joint carries do.",
+        "As joint_wrenches, less the wrenches on all frames beyond the joint.",
         group="loads",
         on_request=True,
     ),
@@ -187,25 +186,25 @@ DYNAMICS = of_group(
             (Output("momentum", "v", "kg m^2/s or kg m/s"),),
             "Generalised momentum M v.",
             "eqs. 4-6 at rest, with velocities for accelerations",
-            "Momenta are carried in from body to body, without the mass matrix.",
+            "It is computed from body to body, without the mass matrix.",
         ),
         Row(
             "momentum_rate",
             "qv",
             (Output("rate", "v", "N m or N", "{forces}"),),
-            "Rate of the momentum M v, but for B u and the sum of J^T W, which add to it.",
+            "Rate of the momentum M v without B u and the sum of J^T W, which add to it.",
             "C^T v + gravity, dampers and springs",
-            "C is that of coriolis_matrix. No accelerations and no inverse of M are in it, so that "
-            "what a robot feels besides its inputs is what its momentum gains beyond.",
+            "C is coriolis_matrix. It needs no accelerations and no inverse of M, so a momentum "
+            "observer can estimate external forces with it.",
         ),
         Row(
             "passive_inverse_dynamics",
             ("q", "v", "v_r", "a_r"),
             (Output("force", "v", "N m or N", "{forces}"),),
             "Forces M a_r + C(q, v) v_r less gravity, dampers at v_r and springs.",
-            "eqs. 4-6, of velocities that are referred to",
-            "C is that of coriolis_matrix, so that the rate of M less 2 C is skew-symmetric. With "
-            "v for v_r it is inverse_dynamics(q, v, a_r).",
+            "eqs. 4-6, with reference velocities",
+            "C is coriolis_matrix, so the rate of M less 2 C is skew-symmetric. With v_r = v it "
+            "is inverse_dynamics(q, v, a_r).",
         ),
         Row(
             "reference_regressor",
@@ -213,7 +212,8 @@ DYNAMICS = of_group(
             (Output("regressor", "vn", "N m or N", "{forces}, each by each of BASE_PARAMETERS"),),
             "Matrix whose product with the base parameters is passive_inverse_dynamics.",
             "eqs. 4-6, which are linear in the inertias",
-            "But for dampers, springs and armature. Its columns are those of regressor.",
+            "Dampers, springs and armature are not included. The columns correspond to those of "
+            "regressor.",
         ),
     ),
 )

@@ -27,8 +27,9 @@ _TIP = on_request(
         (Output("pose", "44", "1 or m", _POSE),),
         "Homogeneous transform from the tip's frame to the world.",
         "forward kinematics",
-        "It is the frame of that name of the robot file. If the file has none, it is at the end of "
-        "the last link with that link's axes; without links, at the base centre with the base's.",
+        "The tip is the frame of that name in the robot file, else the end of the last link "
+        "with the axes of the link, else (without links) the base centre with the axes of the "
+        "base.",
     ),
     Row(
         "tip_jacobian",
@@ -36,16 +37,16 @@ _TIP = on_request(
         (Output("jacobian", "6v", "m/rad, rad/m or 1", _TWISTS),),
         "Jacobian of the tip: linear rows, then angular rows, in world axes.",
         "forward kinematics",
-        "It takes v to the velocity of the tip in m/s and rad/s.",
+        "It maps v to the velocity of the tip in m/s and rad/s.",
     ),
     Row(
         "tip_bias_acceleration",
         "qv",
         (Output("bias_acceleration", "6", "m/s^2 or rad/s^2", MOTIONS),),
-        "Acceleration of the tip where a is zero, gravity left out, in world axes.",
+        "Acceleration of the tip where a is zero, without gravity, in world axes.",
         "forward kinematics",
-        "It is the Jacobian's rate times v: the tip accelerates at tip_jacobian(q) a plus this, "
-        "linear entries first, then angular.",
+        "It is the Jacobian's rate times v, linear entries first; the whole acceleration is "
+        "tip_jacobian(q) a plus this.",
     ),
     needs=("tip",),
 )
@@ -72,7 +73,7 @@ KINEMATICS = of_group(
         (Output("jacobians", "f6v", "m/rad, rad/m or 1", _TWISTS + _BY_FRAME),),
         "Jacobians of the frames: linear rows, then angular rows, in world axes.",
         "forward kinematics",
-        "They take v to the velocities of the frames in m/s and rad/s.",
+        "They map v to the velocities of the frames in m/s and rad/s.",
     ),
     Row(
         "frame_velocities",
@@ -85,10 +86,10 @@ KINEMATICS = of_group(
         "frame_bias_accelerations",
         "qv",
         (BIAS_ACCELERATIONS,),
-        "Accelerations of the frames where a is zero, gravity left out, in world axes.",
+        "Accelerations of the frames where a is zero, without gravity, in world axes.",
         "forward kinematics",
-        "They are the Jacobians' rates times v: a frame accelerates at its Jacobian times a plus "
-        "this, linear entries first, then angular.",
+        "They are the Jacobians' rates times v, linear entries first; the whole acceleration of "
+        "a frame is its Jacobian times a plus this.",
     ),
     Row(
         "centre_of_mass",
@@ -103,7 +104,7 @@ KINEMATICS = of_group(
         (CENTRE_JACOBIAN,),
         "Jacobian of the centre of mass, in world axes.",
         "the first moment of mass",
-        "Times the robot's mass it takes v to the linear momentum.",
+        "Multiplied by the robot's mass, it maps v to the linear momentum.",
     ),
     Row(
         "centroidal_momentum",
@@ -128,15 +129,15 @@ KINEMATICS = of_group(
         (Output("rate", "q", "rad/s or m/s", "{coordinate_rates}"),),
         "Rates of the coordinates q.",
         "kinematics of the base",
-        "With attitude angles v itself; a quaternion turns with the angular velocity of the base.",
+        "With attitude angles they equal v; a quaternion follows the angular velocity of the base.",
     ),
     Row(
         "integrate",
         "qv",
         (Output("coordinates", "q", "rad or m", "{coordinates}", "integrated"),),
-        "Coordinates after a displacement v, which is a velocity times the time that it lasts.",
+        "Coordinates after a displacement v, a velocity multiplied by a time.",
         "sums, or the exponential map of SE(3) for a quaternion with its position",
-        "The same as Pinocchio's integrate. The only function that normalises a quaternion.",
+        "The same as Pinocchio's integrate. It is the only function that normalises a quaternion.",
     ),
     Row(
         "difference",
@@ -144,6 +145,6 @@ KINEMATICS = of_group(
         (DISPLACEMENT,),
         "Displacement from q0 to q1: integrate(q0, difference(q0, q1)) is at q1.",
         "differences, or the logarithm of SE(3) for a quaternion with its position",
-        "The same as Pinocchio's difference. A quaternion and its opposite are one attitude.",
+        "The same as Pinocchio's difference. A quaternion and its negative are the same attitude.",
     ),
 )

@@ -159,5 +159,5 @@ def jacobian_row(row: Row) -> Row:
             shape, words = output.shape + COLUMNS.get(x, "v"), f"[{{unit}}], by {_BY[x]}"
             name = f"{output.name}_d{x}"
             outputs.append(Output(name, shape, output.unit, words, f"{derivation}_d{x}", x))
-    summary = f"What {row.name} returns, and its derivatives by {', '.join(by)}."
+    summary = f"Results of {row.name}, and their derivatives by {', '.join(by)}."
     return derivative(row, "jacobian", tuple(outputs), summary)

@@ -100,8 +100,8 @@ ARGUMENTS = {
     "a": Argument("v", "their accelerations", "a_", "their rates", "{unit}^2"),
     "u": Argument("u", "inputs"),
     "W": Argument("f6", "wrenches on the frames, at their origins, in world axes"),
-    "q0": Argument("q", "coordinates to begin with", "q0_"),
-    "q1": Argument("q", "coordinates to end with", "q1_"),
+    "q0": Argument("q", "initial coordinates", "q0_"),
+    "q1": Argument("q", "final coordinates", "q1_"),
     "w": Argument("v", "weights of the entries of the result", "w_", unit="1"),
     "q_dot": Argument("v", "direction of q, in the tangent space", "q_dot_", unit="{step}"),
     "v_dot": Argument("v", "direction of v", "v_dot_"),
@@ -112,12 +112,14 @@ ARGUMENTS = {
     "w_jacobian": Argument("3v", "weights of the entries of the Jacobian", unit="1"),
     "h": Argument("", "length of the step", "time_step", unit="s"),
     "x": Argument("z", "state of the actuators", "x_"),
-    "command": Argument("m", "what motors and servos are commanded"),
+    "command": Argument("m", "commands of motors and servos"),
     "active": Argument(
-        "g", "1 for each constraint that holds, 0 for the others, and nothing else", unit="1"
+        "g", "1 for each active constraint, 0 for each other one; no other value", unit="1"
     ),
-    "restitution": Argument("g", "share of its velocity with which each rebounds", unit="1"),
-    "v_r": Argument("v", "velocities of the reference", "v_r_"),
+    "restitution": Argument(
+        "g", "restitution of each: share of its velocity with which it rebounds", unit="1"
+    ),
+    "v_r": Argument("v", "reference velocities", "v_r_"),
     "a_r": Argument("v", "their rates", "a_r_", unit="{unit}^2"),
 }
 

@@ -53,20 +53,20 @@ _STATE = {
     "q": "coordinates, rad and m; a quaternion has unit length",
     "v": "velocities, rad/s and m/s",
     "loads": "wrench on the base: N, N m, world axes; efforts of joints besides inputs; 0 at first",
-    "biases": "of the specific force, m/s^2, and the angular velocity, rad/s, of the IMU",
-    "covariance": "of all errors, row by row; at first variances on the diagonal",
+    "biases": "biases of the specific force, m/s^2, and of the angular velocity, rad/s, of the IMU",
+    "covariance": "covariance of all errors, row-major; initially variances on the diagonal",
 }
-_AHEAD, _LED = "Go on by h under inputs.", "Go on by h from one reading of the IMU to the next."
+_AHEAD, _LED = "Predict by h under inputs.", "Predict by h from one reading of the IMU to the next."
 _GIVEN = {
     "u": "inputs that act: thrusts, N, then efforts of joints, N m or N",
     "gravity": "acceleration of gravity, m/s^2, world axes",
     "h": "step, s",
     "noise": "variances that noise adds to each error in a second",
-    "before": "what the IMU read at the begin of the step",
-    "reading": "what was read, as docs/howto/sensors.md has it",
-    "variances": "of the noise of its entries",
-    "gate": "bound of nis from which on it counts as an outlier; INFINITY for none",
-    "nis": "normalised innovation squared, on average the number of entries; NaN if those are",
+    "before": "reading of the IMU at the start of the step",
+    "reading": "the reading, in the order of docs/howto/sensors.md",
+    "variances": "variances of the noise of its entries",
+    "gate": "bound of nis above which a reading counts as an outlier; INFINITY: none does",
+    "nis": "normalised innovation squared, on average the number of entries; NaN if an entry is",
 }
 
 
@@ -339,8 +339,8 @@ def filter_functions(robot: Functions, leads: str = "") -> list[CFunction]:
     """
     if leads and not robot.layout.moves_freely:
         raise UsageError(
-            f"--laws imu_filter: needs a base that moves freely, as that of {robot.name} does not; "
-            "leave it out, or take state_filter"
+            f"--laws imu_filter: needs a base that moves freely, and that of {robot.name} does "
+            "not; leave it out, or use state_filter"
         )
     places = robot.layout.v
     joints, moves = bool(places.joint_places), bool(places.base)
@@ -355,12 +355,12 @@ def filter_functions(robot: Functions, leads: str = "") -> list[CFunction]:
         if name in (*made.state, "covariance")
     )
     names = [f"{x.stop - x.start} of {name}" for name, x in made.places.items()]
-    words = f"What a filter knows. Errors are {', '.join(names)}."
+    words = f"State of a filter. Errors are {', '.join(names)}."
     state, functions = (Structure(made.name, words, members),), []
     ahead = _LED if leads else _AHEAD
     for name, program in made.programs().items():
         _, update, sensor = name.partition("_update_")
-        does = f"Take a reading of {sensor}, if it is no outlier." if update else ahead
+        does = f"Correct with a reading of {sensor}, unless it is an outlier." if update else ahead
         values = (*program.names, *program.outputs)
         explained = {x: words for x, words in _GIVEN.items() if x in values}
         functions.append(CFunction(program, does, state, explained))

@@ -49,9 +49,9 @@ from gibbs_codegen.machine.laws import (
 from gibbs_codegen.machine.mechanism import carried
 
 _OF_ROTORS = {
-    "centre": "the base centre from where x, y and z are, base's frame, m",
+    "centre": "base centre relative to the origin (x, y, z), base's frame, m",
     "wrenches": "force and torque about the base centre of a unit input of each, base's frame",
-    "distribution": "least inputs of unit wrenches, a row of six for each",
+    "distribution": "least inputs for unit wrenches, a row of six for each input",
     "mass": "mass of the robot, kg",
     "weight": "force that holds the robot, N, world axes",
     "axis": "unit vector along which the rotors push, base's frame",
@@ -60,30 +60,31 @@ _OF_REFERENCE = {
     "desired_q": ("q", "desired coordinates, rad and m"),
     "desired_v": ("v", "desired velocities, as v of the state"),
     "desired_a": ("a", "desired accelerations, the derivatives of v"),
-    "centre_position": ("centre_position", "where the centre of mass must be, m, world axes"),
+    "centre_position": ("centre_position", "desired centre of mass, m, world axes"),
     "centre_velocity": ("centre_velocity", "its velocity, m/s"),
     "centre_acceleration": ("centre_acceleration", "its acceleration, m/s^2"),
     "direction": ("direction", "unit vector along which the tip pushes, world axes"),
-    "push": ("push", "how hard, N: what is wanted, and what is learnt of the error of the force"),
-    "share": ("share", "how far that is in force, 0 to 1; at 0 the tip follows its path"),
+    "push": ("push", "force, N: desired value, and integral correction of its error"),
+    "share": ("share", "share of the push, 0 to 1; at 0 the tip follows its path"),
 }
 _LEARNT = Structure.kept(
     "estimates",
-    "What the adaptive law learns, in the order of the base parameters.",
-    parameters="what they are more than the constants say, kg, kg m or kg m^2; 0 to begin with",
+    "Estimates of the adaptive law, in the order of the base parameters.",
+    parameters="difference from the constants' values, kg, kg m or kg m^2; initially 0",
 )
 _OF_GAINS = {
     "stiffness": "k of each error, 1/s^2",
     "damping": "d of each error, 1/s",
-    "least": "least inputs, N and N m; -INFINITY for none",
-    "most": "greatest inputs; INFINITY for none",
-    "frame_stiffness": "of the tip along the axes of the world, N/m",
-    "frame_damping": "of the tip, N s/m",
-    "frame_inertia": "as what mass the tip moves, kg",
-    "adaptation": "for each base parameter: square of how far it may be off, over an energy, J",
-    "least_parameters": "least estimates of base parameters, less what the constants say",
+    "least": "lower limits of inputs, N and N m; -INFINITY for none",
+    "most": "upper limits of inputs; INFINITY for none",
+    "frame_stiffness": "stiffness of the tip along the axes of the world, N/m",
+    "frame_damping": "damping of the tip, N s/m",
+    "frame_inertia": "apparent mass of the tip, kg",
+    "adaptation": "for each base parameter: square of its expected error, divided by an energy, J",
+    "least_parameters": "lower limits of estimates, as differences from the constants' values",
     "most_parameters": "greatest of them",
-    "back": "rate at which the base comes back from the side, 1/s, and speed of half of it, m/s",
+    "back": "rate of return of the base from the side, 1/s, and speed at which it is half of that, "
+    "m/s",
 }
 
 
@@ -99,16 +100,16 @@ def law_functions(
     programs = {law: _law(robot, law, tip, moves) for law in laws}
     read = {name for program in programs.values() for name in program.names}
     parts = {"rotors": robot.rotors, "wheels": robot.layout.q.wheels}
-    known = f"What laws know of the {' and '.join(part for part in parts if parts[part])}"
+    known = f"Data of the {' and '.join(part for part in parts if parts[part])} for laws"
     rotors = Structure(
         "rotors",
-        f"{known}, as init_rotors makes it of the constants.",
+        f"{known}, which init_rotors computes from the constants.",
         tuple(Member(name, name, words) for name, words in _OF_ROTORS.items() if name in read),
     )
     values_of = _known(robot, centre)
     outputs = {member.name: values_of[member.name]() for member in rotors.members}
     made = Program("init_rotors", (), outputs)
-    words = f"{known}; call it again when the constants have changed."
+    words = f"{known}; call it again after the constants change."
     given = (rotors,) if rotors.members else ()
     functions = [CFunction(made, words, given)] if given else []
     others = tuple(_structures(robot, read))
@@ -135,7 +136,7 @@ def _structures(robot: Functions, read: Iterable[str]) -> Iterator[Structure]:
     if robot.space.has_quaternion:
         frames = " The error of the attitude is a rotation vector in the base's frame."
     elif robot.layout.has_drive:
-        position, frames = "x ahead", " That of the yaw leads back to where the base must be."
+        position, frames = "x ahead", " The error of the yaw leads the base back to its path."
     yield Structure(
         "gains",
         f"Gains {by_velocity}, those of {position} in world axes, and limits.{frames}",
@@ -148,13 +149,13 @@ def _structures(robot: Functions, read: Iterable[str]) -> Iterator[Structure]:
     state["wrench"] = "measured: force, N, and torque, N m, on the tip, about it, world axes"
     yield Structure(
         "state",
-        "Where the robot is.",
+        "State of the robot.",
         tuple(Member(name, name, words) for name, words in state.items() if name in read),
     )
     members = [Member(field, name, words) for name, (field, words) in _OF_REFERENCE.items()]
     yield Structure(
         "reference",
-        "Where it must be.",
+        "Desired state.",
         tuple(member for member in members if member.value in read),
     )
 

@@ -407,7 +407,7 @@ def _wanted(robot: Functions, q: Node, v: Node, aim: Aim) -> Node:
             for x, other in ((pull, wish), (velocity, 0.0), (ahead, 0.0))
         )
     pull = pull + frame.damping * (velocity - robot.frame_jacobians(q)[number][:3] @ v)
-    pull = named(pull, "pull", "Force that is to move the frame, N.")
+    pull = named(pull, "pull", "Force that moves the frame, N.")
     return ahead + pull / frame.inertia - robot.frame_bias_accelerations(q, v)[number][:3]
 
 
@@ -496,7 +496,7 @@ class Law:
         """Why it cannot move a frame, in words; None where it can, or need not."""
         if joints or not (self.leans and self.moves_frame):
             return None
-        return f"under {self.title} joints move {frame}, but it has none"
+        return f"{self.title} moves {frame} by joints, and there are none"
 
 
 _PASSIVE = ("momentum", "passive_inverse_dynamics")
@@ -517,45 +517,45 @@ LAWS = {
     "passive": Law(
         passive,
         "the passive law",
-        "The law of Slotine and Li: inputs that cancel nothing but gravity and what the reference "
-        "needs, and damp what velocities are off those that lead to it, within their limits.",
+        "The law of Slotine and Li: inputs that compensate only gravity and the reference "
+        "motion, and damp deviations from the reference velocity, within their limits.",
         calls=_PASSIVE,
     ),
     "adaptive": Law(
         adaptive,
         "the adaptive law",
-        "The adaptive law of Slotine and Li: the passive one with base parameters that it learns, "
-        "by a step of h at each call, although the robot is not as the constants say.",
+        "The adaptive law of Slotine and Li: the passive law, with base parameters that it "
+        "estimates by a step of h in each call, for a robot that differs from its constants.",
         calls=(*_PASSIVE, "reference_regressor"),
         learns=True,
     ),
     "impedance": Law(
         at_frame,
         "impedance control",
-        "Impedance of a frame: inputs by which it moves as a body on springs and dampers, yields "
-        "to what pushes it, and all else holds its posture, within their limits.",
+        "Impedance of a frame: inputs with which it moves as a body on springs and dampers and "
+        "yields to contact forces, while the rest holds its posture, within their limits.",
         task="impedance",
     ),
     "force": Law(
         at_frame,
         "force control",
-        "Force and position of a frame: inputs by which it pushes along a direction, follows its "
-        "path across it, and all else holds its posture, within their limits.",
+        "Force and position of a frame: inputs with which it pushes along a direction and "
+        "follows its path across it, while the rest holds its posture, within their limits.",
         task="force",
     ),
     "geometric_impedance": Law(
         geometric,
         "geometric impedance control",
-        "The geometric law with impedance of a frame, which the joints move: inputs by which the "
-        "base leans against what pushes the frame, within their limits.",
+        "The geometric law with impedance of a frame, which the joints move: inputs with which "
+        "the base leans against contact forces on the frame, within their limits.",
         leans=True,
         task="impedance",
     ),
     "geometric_force": Law(
         geometric,
         "geometric force control",
-        "The geometric law with force and position of a frame, which the joints move: inputs by "
-        "which the base leans against what the frame pushes, within their limits.",
+        "The geometric law with force and position of a frame, which the joints move: inputs "
+        "with which the base leans against the force of the frame, within their limits.",
         leans=True,
         task="force",
     ),

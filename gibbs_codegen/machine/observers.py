@@ -42,31 +42,31 @@ from gibbs_codegen.arrays.nodes import (
 CALLED = ("momentum", "momentum_rate")
 _MEMORY = Structure.kept(
     "observer",
-    "The memory of the observer of generalised momentum.",
+    "State of the observer of generalised momentum.",
     momentum="M v at the last step",
-    momentum_rate="its rate there, less that of the inputs",
+    momentum_rate="rate of the momentum there, without the inputs",
     residual="generalised forces besides gravity, dampers, springs and inputs",
 )
 _OF_FRAME = Structure.kept(
     "frame_observer",
-    "The memory of the wrench on a frame.",
-    late_jacobian="of the frame, as late as the residual is; begin with it as it is",
+    "State of the estimate of a wrench on a frame.",
+    late_jacobian="Jacobian of the frame, delayed as the residual is; initially that of the state",
 )
 _WORDS = {
-    "init_momentum_observer": "Begin to observe, at rest or in motion: the residual is 0.",
-    "momentum_observer_step": "Observe what acts besides inputs: the residual follows it.",
-    "wrench_of_residual": "The wrench on a frame that alone explains a residual.",
-    "touched_by_residual": "1 for the base, and for each joint, where something touches what it "
-    "carries and no joint after it feels it; else 0.",
+    "init_momentum_observer": "Initialise the observer, at rest or in motion, with residual 0.",
+    "momentum_observer_step": "Update the residual, which follows forces besides the inputs.",
+    "wrench_of_residual": "Estimate the wrench on one frame that explains a residual.",
+    "touched_by_residual": "1 for the base and each joint with a contact on what it carries, "
+    "but not beyond a later joint; else 0.",
 }
 _EXPLAINED = {
     "u": "inputs since the last step, N and N m",
-    "share": "of what is new counts, for each velocity: 1 - exp(-gain h)",
+    "share": "weight of the new value, for each velocity: 1 - exp(-gain h)",
     "h": "time since the last step, s",
-    "jacobian": "of the frame, six rows, linear ones first",
-    "weight": "for each velocity, of the residual's entry: one over its variance",
-    "damping": "for each entry of the wrench, above 0: one over the variance of what is expected",
-    "threshold": "for each velocity: up to that the residual is noise",
+    "jacobian": "Jacobian of the frame, six rows, linear ones first",
+    "weight": "for each velocity: one over the variance of the residual's entry",
+    "damping": "for each entry of the wrench: one over its expected variance, above 0",
+    "threshold": "for each velocity: bound of the residual's noise",
     "wrench": "force, N, and torque about the frame's origin, N m, world axes",
 }
 

@@ -122,8 +122,8 @@ class TiltHint:
         if len(self.motors) > 1:
             which += f"{', '.join(map(str, self.motors[:-1]))} and {self.motors[-1]}"
         return (
-            f"with the thrust of {which} tilted to the other side (x and y of opposite sign) the "
-            f"condition number would be {self.condition:.4g}; arm 1's x axis runs to the base "
+            f"if the thrust of {which} tilted to the other side (opposite signs of x and y), the "
+            f"condition number would be {self.condition:.4g}; arm 1's x axis points to the base "
             "centre, those of the others away from it"
         )
 
@@ -385,15 +385,17 @@ def hover_lines(robot: Robot, hovering: HoverThrusts) -> list[str]:
     how = f"of least norm, {where}"
     if hovering.moment is not None and (lifting := hovering.lifting) is not None:
         left = ", ".join(map(number, hovering.moment))
-        lines = [f"hover thrusts: none hold it level: a moment of {left} N m is left ({where})"]
+        lines = [
+            f"hover thrusts: no thrusts hold it level; a moment of {left} N m remains ({where})"
+        ]
         lines.append(f"thrusts that carry the weight: {_values(lifting)} N")
         return lines + _command_lines(robot, hover_commands(robot, lifting))
     if hovering.thrusts is None:
-        return [f"hover thrusts: none carry the weight ({how})"]
+        return [f"hover thrusts: no thrusts carry the weight ({how})"]
     lines = [f"hover thrusts: {_values(hovering.thrusts)} N, {how}"]
     lines += _command_lines(robot, hover_commands(robot, hovering.thrusts))
     if posture.closed_loops(robot):
-        lines.append("joint torques that hold it there: those of trim, since loops bear some")
+        lines.append("joint torques that hold it there: see trim, because loops carry part of them")
     elif robot.moving and not hangs(robot):
         efforts = [
             f"{coordinate_of(robot, i)} {number(effort)} {joint_terms(robot, i).effort_unit}"
@@ -435,7 +437,7 @@ def _command_lines(robot: Robot, hovering: HoverCommands) -> list[str]:
             line += f" (rotor{'s' * (len(commanded) > 1)} {names})"
         if kind == "throttle" and hovering.left is not None:
             line += ", with a full battery" * (battery is not None)
-            left = f"; {number(scale * hovering.left)} % are left"
+            left = f"; {number(scale * hovering.left)} % remain"
             line += left if suffices else ", which is beyond the limits"
         lines += [line] * bool(commanded)
     if battery is not None and suffices:
@@ -464,22 +466,21 @@ def lopsided(robot: Robot) -> str | None:
         return None
     what = (
         f"the base is lopsided: its centre of mass is {offset:.3g} m off its axis, "
-        f"{offset / longest:.2g} of the arms' length, at x = {x:.3g}, y = {y:.3g} m from the "
-        "base centre in arm 1's axes; "
+        f"{offset / longest:.2g} of the arms' length; it is at x = {x:.3g}, y = {y:.3g} m from "
+        "the base centre in arm 1's axes; "
     )
     if not base.shares_one_arm:
         return what + (
-            "see whether com is right in each table of base.arm: it counts from the motor on arm "
-            "1, whose x axis runs to the base centre, and from the centre on the others"
+            "check com in each table of base.arm: it is measured from the motor on arm 1, whose "
+            "x axis points to the base centre, and from the centre on the others"
         )
     arm = as_rigid_body(base.arm(1))
     x, y, z = arm.com
     first = [f"{v + 0.0:.9g}" for v in (arm.length - x, -y, z)]
     text = (
-        "base.arm is one table for all arms, and its com counts from the motor on arm 1, whose x "
-        "axis runs to the base centre, and from the centre on the others; if all arms are alike, "
-        f"give base.arm as a list of {robot.rotors} tables, the first with "
-        f"com = [{', '.join(first)}]"
+        "base.arm is one table for all arms, but its com is measured from the motor on arm 1 "
+        "and from the base centre on the others; if all arms are alike, give base.arm as a list "
+        f"of {robot.rotors} tables, the first with com = [{', '.join(first)}]"
     )
     if arm.inertia[4] or arm.inertia[5]:
         text += " and with the last two entries of inertia of opposite sign"
@@ -524,7 +525,7 @@ def implausible(robot: Robot) -> tuple[str, ...]:
     if extent and robot.total_mass > _WATER * extent**3:
         warnings.append(
             f"the robot weighs {robot.total_mass:.4g} kg at a size of {extent:.3g} m, more than "
-            "water in a cube of that size; masses are in kg and lengths in m"
+            "a cube of water of that size; give masses in kg and lengths in m"
         )
     if robot.total_mass < _FILM * extent**2:
         warnings.append(
@@ -537,15 +538,15 @@ def implausible(robot: Robot) -> tuple[str, ...]:
         gyration = float(np.sqrt(largest / body.mass)) if body.mass else 0.0
         if extent and gyration > _LARGEST_GYRATION * extent:
             warnings.append(
-                f"the inertia of {name} is that of its mass at {gyration:.3g} m, and the whole "
-                f"robot is {extent:.3g} m long; inertias are in kg m²"
+                f"the inertia of {name} has a radius of gyration of {gyration:.3g} m, and the "
+                f"whole robot is {extent:.3g} m long; give inertias in kg m²"
             )
     drags = [*robot.base.drag, *(rotor.drag for rotor in robot.thrusters)]
     for k, drag in enumerate(drags, start=1):
         if abs(drag) > LARGEST_DRAG:
             warnings.append(
                 f"the drag of rotor {rotor_label(robot, k)} is {drag:.4g} m; it is the reaction "
-                "torque per unit of thrust, and about 0.02 m for propellers"
+                "torque per unit of thrust, about 0.02 m for propellers"
             )
     warnings += _implausible_drives(robot)
     for i in robot.moving:
@@ -564,8 +565,8 @@ def implausible(robot: Robot) -> tuple[str, ...]:
             if part > whole:
                 warnings.append(
                     f"rotor_inertia of {link_label(robot, i)} is {part:.4g} kg m², more than the "
-                    f"{whole:.4g} kg m² of what carries the joint, of which the rotor is a part; "
-                    "it is that of the rotor itself, without the square of gear_ratio"
+                    f"{whole:.4g} kg m² of the body with the motor, which includes the rotor; "
+                    "give the inertia of the rotor itself, without the square of gear_ratio"
                 )
     return tuple(warnings)
 
@@ -614,9 +615,8 @@ def _implausible_drives(robot: Robot) -> Iterator[str]:
     powers = enumerate(_shaft_powers(robot, units, units), start=1)
     if idle := [rotor_label(robot, k) for k, power in powers if power == 0.0]:
         yield (
-            "the battery gives no power to rotors of which drag or speed is not known: "
-            f"{_listed(idle)}; "
-            "give drag, and full_speed of a throttle or speed_per_sqrt_thrust of a thrust"
+            f"the battery model lacks the drag or the speed of rotors {_listed(idle)}; give "
+            "drag, and full_speed of a throttle or speed_per_sqrt_thrust of a thrust"
         )
 
 

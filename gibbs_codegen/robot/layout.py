@@ -63,8 +63,8 @@ def check_free_base(name: str, kind: str, what: str) -> None:
         motion = repr(level) if level else str(kind.split())
         key = "drive" if level in DRIVES else "motion"
         raise UsageError(
-            f"{name}: base.{key} is {motion}; {what} for bases that move freely only (base.motion "
-            '= "free")'
+            f"{name}: base.{key} is {motion}; {what} only for bases that move freely "
+            '(base.motion = "free")'
         )
 
 

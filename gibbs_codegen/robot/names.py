@@ -52,15 +52,15 @@ def name_fault(name: str) -> str | None:
             "letters, digits and _, at most 64 in all"
         )
     if keyword.iskeyword(name):
-        why = "is a keyword of Python, which no module can be named"
+        why = "is a keyword of Python and cannot name a module"
     elif name == "numpy":
         why = "is the package that the generated module itself imports"
     elif name == "gibbs_runtime":
-        why = "is the header of every module that is the same for all"
+        why = "is the name of a header in every module"
     elif _WINDOWS_DEVICE.fullmatch(name):
         why = "cannot be a folder's name on Windows"
     elif ending := next(filter(name.endswith, _ENDINGS), None):
-        why = f"ends in {ending}, as the names of C functions go on"
+        why = f"ends in {ending}, which may clash with names of C functions"
     else:
         return None
     return f"{shown} {why}; add a word, e.g. {name}_arm"

@@ -89,7 +89,7 @@ class NameRegistry:
         """Why a name cannot be given and what would be right, or None where it can."""
         form = identifier(name)
         if kind == "joint" and form.startswith(CONSTRAINT_TORQUES):
-            return f"{shown(name)} begins as constraint torques do: give it another name"
+            return f"{shown(name)} begins like names of constraint torques; give it another name"
         if owner := self.owner(kind, name):
             called = shown(name) if form == name else f"{shown(name)}, in generated code {form},"
             return f"{called} is the name of {owner} already; give another"
@@ -157,7 +157,7 @@ def tie_faults(ties: Sequence[Tie], bodies: Mapping[str, int]) -> Iterator[Place
         if frame == to:
             yield (*at, "to"), f"{shown(frame)} is the frame {tie.other_end}"
         elif to and frame in bodies and bodies[frame] == bodies.get(to):
-            yield (*at, "to"), "both frames are on the same body, so that nothing can move"
+            yield (*at, "to"), "both frames are on the same body; choose frames on two bodies"
 
 
 def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
@@ -284,7 +284,7 @@ def _gear_faults(links: Sequence[Entry], numbers: Mapping[str, int]) -> Iterator
         for mover in way:  # It grows meanwhile.
             way += [before for before in movers.get(mover, ()) if before not in way]
         if int(place[1]) + 1 in way:
-            why = "is itself moved by this joint, which makes a circle"
+            why = "is itself moved by this joint; break the circle"
             yield place, f"{right}: {shown(name)} {why}"
         elif first != BASE and links[first - 1].get("joint") == "fixed":
             yield place, f"{right}: {shown(name)} is fixed"

@@ -37,13 +37,11 @@ Name = Annotated[str, rule(name_fault), InSchema({"type": "string", "pattern": N
 class _Bodies(Part):
     """The keys of a robot file but for ties, which come last."""
 
-    name: Name = entry(
-        "the robot's name, which becomes that of the module and the prefix in C", ...
-    )
+    name: Name = entry("the robot's name, also the name of the module and the prefix in C", ...)
     gravity: NotNegative = again(model.Robot, "gravity")
     allow_impossible_inertia: Flag = entry(
-        "whether inertias pass that no body has, as some published models have them; a warning "
-        "names the body",
+        "whether to accept physically impossible inertias, which some published models have; a "
+        "warning names the body",
         False,
     )
     base: BaseTable = entry("the flying base, [base]", ...)
@@ -83,8 +81,8 @@ class RobotTable(Ties, _Bodies):
         if rods and values.get("rotor"):
             yield (
                 ("rotor",),
-                f"belongs to a base without arms, but base.{rods[0]} gives them motors: give "
-                "[[rotor]] tables, or base.rotors and base.arm",
+                f"belongs to a base without arms, but base.{rods[0]} gives it arms with motors; "
+                "give [[rotor]] tables, or base.rotors and base.arm",
             )
         rotors = values.get("rotor")
         if values.get("battery") is not None and isinstance(rotors, list):
@@ -107,9 +105,9 @@ class RobotTable(Ties, _Bodies):
     def _rolls(self) -> Self:
         base, faults = self.base, list[tuple[Place, str]]()
         if self.wheel and base.motion != PLANAR:
-            faults.append((("base", "motion"), f'must be "{PLANAR}" of a robot that has wheels'))
+            faults.append((("base", "motion"), f'must be "{PLANAR}" for a robot with wheels'))
         if (self.wheel or base.drive) and any(base.rpy_deg or ()):
-            words = "must be left out, since the base rolls on level ground"
+            words = "must be left out, because the base rolls on level ground"
             faults.append((("base", "rpy_deg"), words))
         for i, wheel in enumerate(self.wheel if base.drive else ()):
             if wheel.joint and (wheel.axis[0] or wheel.xyz[0]):
@@ -132,7 +130,7 @@ class RobotTable(Ties, _Bodies):
     @model_validator(mode="after")
     def _moves(self) -> Self:
         if self.base.motion == FIXED and not self.robot().moving:
-            words = "nothing of the robot moves; give it links with joints, or another motion"
+            words = "the robot does not move; give it links with joints, or another motion"
             raise refusal([(("base", "motion"), words)])
         return self
 

@@ -261,8 +261,8 @@ def placed_robot_text(name: str, rotors: int = 4) -> str:
     """
     if not len(_CORNERS) <= rotors <= MAX_ROTORS:
         raise UsageError(
-            f"--rotors must be from {len(_CORNERS)} to {MAX_ROTORS} with --placed, not {rotors}: "
-            "fewer upright rotors do not hold a drone level and its heading"
+            f"--rotors must be from {len(_CORNERS)} to {MAX_ROTORS} with --placed, not {rotors}, "
+            "because fewer upright rotors cannot control tilt and heading"
         )
     around = [
         {

@@ -218,7 +218,7 @@ class CompiledFunction:
         except (CompilerError, CacheError) as error:
             function, self._is_lost = None, True
             words = printable(error, 400)
-            _log.warning("%s: NumPy serves instead of C: %s", signature.name, words)
+            _log.warning("%s: runs in NumPy instead of C: %s", signature.name, words)
         if function is None:
             entries = np.moveaxis(numbers(constants), -1, 0)
             return self._in_numpy(**{**by_name, "constants": tuple(entries)})

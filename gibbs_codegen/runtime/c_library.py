@@ -138,7 +138,7 @@ def find_compiler(chosen: str | None) -> Compiler:
     -O2`. Raises `CompilerError` if there is none.
     """
     if sys.platform == "win32":
-        raise CompilerError("nothing is compiled on Windows, whose compilers take other flags")
+        raise CompilerError("compiling is not supported on Windows")
     try:
         commands = [shlex.split(chosen)] if chosen else [["cc"], ["gcc"], ["clang"]]
     except ValueError as error:
@@ -431,8 +431,8 @@ def compiled_files(
         # Sources that are the same for every robot name none.
         if _make_of(text) != made and not (file == RUNTIME and _make_of(text)[:1] == made[:1]):
             raise UsageError(
-                f"{printable(folder / file)}: was not generated together with numpy_module.py; "
-                f"generate the module again"
+                f"{printable(folder / file)}: belongs to another generation than "
+                "numpy_module.py; generate the module again"
             )
     if functions is not None:
         for file in texts.keys() & {f"{name}.c", f"{name}_batch.c"}:
@@ -476,7 +476,7 @@ def written(texts: Mapping[str, bytes], output: Path) -> Iterator[list[Path]]:
 
 
 def _compiling(name: str, what: str) -> str:
-    return f"{name}: compiling {what} in C, to be kept for the next time"
+    return f"{name}: compiling {what} in C; the cache keeps the result"
 
 
 def _seconds(sources: Iterable[bytes]) -> float:

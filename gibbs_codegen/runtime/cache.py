@@ -129,21 +129,23 @@ def _private_folder() -> Path:
     for parent in folder.parents:
         mode = parent.stat().st_mode
         if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
-            raise CacheError(f"{parent}: open to everybody, who could replace {folder.name}")
+            raise CacheError(
+                f"{parent}: every user can write to it and could replace {folder.name}"
+            )
     status = os.lstat(folder)
     if not stat.S_ISDIR(status.st_mode):
-        raise CacheError(f"{folder}: not a folder of its own")
+        raise CacheError(f"{folder}: not a plain folder")
     if not _is_ours(status):
         raise CacheError(f"{folder}: belongs to another user")
     if status.st_mode & 0o077:
-        raise CacheError(f"{folder}: open to others; make it private with chmod 700")
+        raise CacheError(f"{folder}: other users can write to it; make it private with chmod 700")
     return folder
 
 
 def _is_ours(status: os.stat_result) -> bool:
     """True if something is this user's. Raises `CacheError` where files have no such owner."""
     if sys.platform == "win32":
-        raise CacheError("on Windows nothing is kept")
+        raise CacheError("there is no cache on Windows")
     return status.st_uid == os.getuid()
 
 

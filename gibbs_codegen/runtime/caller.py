@@ -38,10 +38,10 @@ def caller_type(compiler: Compiler) -> Callable[..., Any] | None:
     try:
         return importlib.import_module(_NAME).Caller
     except ImportError as error:
-        _log.debug("the extension of the installed package is not there or not usable: %s", error)
+        _log.debug("the extension of the installed package is missing or unusable: %s", error)
     include = sysconfig.get_path("include")
     if not (Path(include) / "Python.h").is_file() or sys.implementation.name != "cpython":
-        _log.info("calls for one state take the long way: Python's headers are not installed")
+        _log.info("calls for one state are slower: Python's headers are not installed")
         return None
     try:
         path = str(_library(compiler, include))
@@ -53,7 +53,7 @@ def caller_type(compiler: Compiler) -> Callable[..., Any] | None:
         loader.exec_module(made)
         return made.Caller
     except (CompilerError, CacheError, ImportError) as error:
-        _log.info("calls for one state take the long way: %s", error)
+        _log.info("calls for one state are slower: %s", error)
         return None
 
 

@@ -123,7 +123,7 @@ class JaxFunctions:
             calls = self._compiled
             reason = calls if isinstance(calls, str) else calls.why_not(signature)
             if isinstance(calls, str) or reason:
-                self._check_length(name, f"its compiled form cannot be had: {reason}")
+                self._check_length(name, f"it cannot be compiled: {reason}")
             else:
                 compute = calls
         return self._computed(compute, name, constants, *arguments)

@@ -24,7 +24,7 @@ from gibbs_codegen.runtime import c_library
 from gibbs_codegen.runtime.cache import CacheError, cached_library
 
 _log = logging.getLogger("gibbs_codegen")
-_SLOW = "%s: XLA compiles what is called, which takes long: %s"
+_SLOW = "%s: XLA compiles the functions, which takes long: %s"
 _ONE_BY_ONE = "%s: states with constants of their own are computed one by one: %s"
 _TARGET = "gibbs_codegen"
 _adding = threading.Lock()

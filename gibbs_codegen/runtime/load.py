@@ -88,7 +88,7 @@ def load(
                 raise UsageError(
                     f"back end 'torch': {module.NAME} is not compiled: {printable(error, 400)}"
                 ) from None
-            words = "%s: NumPy serves instead of C: %s; flights take many times as long"
+            words = "%s: runs in NumPy instead of C: %s; flights take many times as long"
             _log.warning(words, module.NAME, printable(error, 400))
     if backend == "torch":
         from gibbs_codegen.runtime.torch_backend import torch_module
@@ -176,12 +176,12 @@ def find_module(path: Path) -> Path:
     if only_c:
         raise UsageError(
             f"{printable(only_c[0])}: has the C target only; generate the module with the NumPy "
-            "target too, which says what its functions take"
+            "target too"
         )
     if path.suffix == ".toml":
         raise UsageError(
-            f"{printable(path)}: a robot file is no module; gibbs-codegen generate writes one, "
-            "which is loaded by its folder or by the robot's name"
+            f"{printable(path)}: this is a robot file, not a module; run gibbs-codegen generate, "
+            "and load the folder that it writes, or the robot's name"
         )
     # A folder of a robot's name is what is left of its module, or something else.
     shipped = () if any(folder.is_dir() for folder in folders) else shipped_names("robots")
@@ -191,7 +191,7 @@ def find_module(path: Path) -> Path:
     robot = "ROBOT.toml" if path.is_dir() or not path.name else printable(path.name)
     hint = near(path.name, [*modules_made(), *shipped])
     remedy = hint or f"; make one with: gibbs-codegen generate {robot}"
-    raise UsageError(f"{printable(path)}: no generated module there, nor in generated/{remedy}")
+    raise UsageError(f"{printable(path)}: no generated module there or in generated/{remedy}")
 
 
 def _module_that_ships(name: str) -> Path:
@@ -201,7 +201,7 @@ def _module_that_ships(name: str) -> Path:
     """
 
     def make(new: Path) -> None:
-        _log.warning("%s: no generated module here; generating it once, into the cache", name)
+        _log.warning("%s: no generated module here; generating one into the cache", name)
         command = [sys.executable, "-m", "gibbs_codegen", "generate", name, "--out", str(new)]
         # The folder of this package comes first where Python looks for one.
         done = subprocess.run(  # noqa: S603 - this program

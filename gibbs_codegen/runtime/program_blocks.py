@@ -145,8 +145,8 @@ class BlockProgram:
         program, name = self.program, self._module.NAME
         if by_hand := sorted(externals_of(program)):
             raise UsageError(
-                f"{program.name}: {', '.join(by_hand)} is external, which is not compiled here; "
-                "evaluate the program with NumPy"
+                f"{program.name}: {', '.join(by_hand)} is written by hand and cannot be "
+                "compiled; evaluate the program with NumPy"
             )
         if others := {robot for robot, _ in functions_of(program)} - {name}:
             raise UsageError(
@@ -157,8 +157,8 @@ class BlockProgram:
         if between > _BETWEEN_ON_STACK:
             raise UsageError(
                 f"{program.name}: values between its inputs and outputs take {between / 1e6:.3g} "
-                f"MB, more than {_BETWEEN_ON_STACK / 1e6:.3g} MB of the stack; make several "
-                "programs of it"
+                f"MB, more than {_BETWEEN_ON_STACK / 1e6:.3g} MB of the stack; split it into "
+                "several programs"
             )
         robot, each = Functions(self._module), self._per_state
         arrays = len(program.inputs) + len(self.owners) + len(program.outputs)
@@ -320,6 +320,6 @@ def _require_c(module: ModuleType, backend: str) -> None:
     """Raise `UsageError` for a module without compiled functions; one for `backend` has them."""
     if getattr(module, "backend", "numpy") != "c":
         raise UsageError(
-            f"{module.NAME}: a program is compiled with a module's C functions; load it with "
-            f'backend="{backend}", where there is a C compiler'
+            f"{module.NAME}: programs are compiled with the module's C functions; load the "
+            f'module with backend="{backend}"'
         )

@@ -316,8 +316,8 @@ def _known(key: str) -> Any:
         base, bar, rule = key.rpartition("|")
         if not bar:
             raise UsageError(
-                f"{key}: unknown in this process; load the module, or make the program, before "
-                "what torch.compile has kept is called"
+                f"{key}: unknown in this process; load the module or make the program before "
+                "calling a graph that torch.compile has cached"
             )
         kind, _, by = rule.partition(" ")
         return _known(base).rule(kind, by)

@@ -28,7 +28,7 @@ def docstring(description: Description, signature: Signature, work: str) -> list
         f"{a}: {meaning(description, a)}, {argument_text(description, a)}"
         for a in signature.arguments
     ]
-    takes.append("constants: what `prepare` returns; those of the default parameters if omitted")
+    takes.append("constants: result of `prepare`; default: the constants of the default parameters")
     returns = ["Returns:"]
     for output, sizes in zip(row.outputs, signature.shapes, strict=True):
         shape = ", ".join(["...", *map(str, sizes)])
@@ -49,7 +49,7 @@ def doxygen(description: Description, signature: Signature, work: str, stack: in
     """
     row = FUNCTIONS[signature.name]
     items = [
-        f"@param[in] constants what {description.robot.name}_init_constants() made, or "
+        f"@param[in] constants result of {description.robot.name}_init_constants(), or "
         f"&{description.robot.name}_default_constants"
     ]
     for a, width in zip(signature.arguments, signature.widths, strict=True):
@@ -59,7 +59,9 @@ def doxygen(description: Description, signature: Signature, work: str, stack: in
         shape = " x ".join(map(str, sizes)) or "1"
         items.append(f"@param[out] {output.name} {shape}: {output_text(description, output)}")
     if row.parts:
-        items.append("@note One output may be NULL, where the function of the other is there.")
+        items.append(
+            "@note One output may be NULL, if the module has the function of the other output."
+        )
     items += [f"@note {work}; about {stack} bytes of stack for one state of doubles, optimised."]
     lines = [f"@brief {row.summary}", ""]
     if row.details:
@@ -86,7 +88,7 @@ def sparse_doxygen(signature: Signature, lengths: dict[str, int], stack: int) ->
         f"@note It calls {signature.name}, and picks the entries; about {stack} bytes of stack for "
         "one state of doubles, optimised."
     )
-    brief = f"@brief As {signature.name}, without the zeros of its matrices."
+    brief = f"@brief As {signature.name}, with only the nonzero entries of its matrices."
     return [brief, "", *wrapped(items, _DOXYGEN_WIDTH, HANGING)]
 
 
@@ -103,8 +105,8 @@ def details(description: Description, row: Row) -> str:
 
 
 _SINGULARITY = (
-    ": next to +-90 degrees of the middle attitude angle the accelerations of the other two grow "
-    "as the inverse of its cosine, and what is computed from them loses as many digits"
+    ": near +-90 degrees of the middle attitude angle the accelerations of the other two grow "
+    "as the inverse of its cosine, and results that depend on them lose as many digits"
 )
 
 
@@ -214,7 +216,7 @@ def attitude_text(description: Description) -> str:
     )
     if layout.moves_freely:
         return product
-    pose = "that of the pose which the robot file gives the base"
+    pose = "the pose of the base in the robot file"
     return f"{product} times {pose}" if product else pose
 
 

@@ -147,15 +147,15 @@ def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
             raise UsageError(message)
         if others := [x for x in rows if x != word and x.partition(":")[0] == name]:
             raise UsageError(
-                f"--target {printable(word)}: {others[0]} is asked for, too, and both have the "
-                "same files; leave one of them out"
+                f"--target {printable(word)}: {others[0]} writes the same files; leave one of "
+                "them out"
             )
         rows[word] = _with_acting(word, tuple(acting.split(","))) if colon else TARGETS[name]
     for name, target in rows.items():
         if missing := [needed for needed in target.needs if needed not in rows]:
             raise UsageError(
-                f"--target {name}: its files use those of the target {missing[0]}; add "
-                f"--target {missing[0]}"
+                f"--target {name}: needs files of the target {missing[0]}; add --target "
+                f"{missing[0]}"
             )
     return rows
 
@@ -164,12 +164,12 @@ def _with_acting(name: str, acting: tuple[str, ...]) -> Target:
     """The target of FMUs in which more acts. Raises `UsageError` for what cannot."""
     if not name.startswith("fmu:"):
         raise UsageError(
-            f"--target {printable(name)}: only fmu has a colon, and what acts after it"
+            f"--target {printable(name)}: only fmu takes a colon with what acts on the robot"
         )
     if unknown := [part for part in acting if part not in ACTING]:
         raise UsageError(
             f"--target {printable(name)}: {printable(unknown[0]) or 'nothing'} cannot act in an "
-            f"FMU; what can, after the colon and with commas between: {', '.join(ACTING)}"
+            f"FMU; after the colon give a list, with commas, of: {', '.join(ACTING)}"
         )
     archives = partial(fmu_target.archives, acting=acting)
     return replace(TARGETS["fmu"], archives=archives, calls=fmu_target.called(acting))

@@ -61,7 +61,7 @@ def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
 def compare_robot_file(text: bytes, source: str) -> Comparison:
     """Compare the robot file beside a module with the digest in the header of its NumPy source."""
     digest = hashlib.sha256(text).hexdigest()
-    fault = "" if digest in source[:1000] else "is not the one that the module was made from"
+    fault = "" if digest in source[:1000] else "is not the robot file of the module"
     return _verdict("robot.toml", "the module's header", fault)
 
 

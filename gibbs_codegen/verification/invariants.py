@@ -140,12 +140,12 @@ class Invariants:
 OF_EACH = "constants of each state"
 ONE_BY_ONE, OTHER_BACK_END = "itself, one state at a time", "the NumPy back end"
 _NO_FORMULATION = (
-    "no formulation gives this function, so its values may be wrong; it was only compared with "
-    "itself, one state with a batch and one back end with the other"
+    "no independent formulation of this function exists, so its values may be wrong; it was "
+    "only compared with itself, a state with a batch and a back end with the other"
 )
 _UNCLEAR = (
-    "rounding decides there which constraints are redundant; functions of constraints are not "
-    "compared in such states, of which the one named here has most"
+    "rounding decides which constraints are redundant there, so functions of constraints are "
+    "not compared in such states; this one has most of them"
 )
 # Two ways of computing the same, relative to the largest entry: a few digits more are lost at most.
 _LIMIT = 1e-10

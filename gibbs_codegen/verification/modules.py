@@ -76,7 +76,7 @@ def verify(
     folder = find_module(Path(name_or_path))
     robot_file = folder / "robot.toml"
     if not robot_file.is_file():
-        raise UsageError(f"{printable(folder)}: has no robot.toml, the file that it was made from")
+        raise UsageError(f"{printable(folder)}: has no robot.toml, the robot file of the module")
     robot, _ = read_robot(str(robot_file))
     available, not_done = formulations(robot)
     verification = Verification(robot.name, seed, not_done=not_done)

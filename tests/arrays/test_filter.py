@@ -375,7 +375,7 @@ def test_readings_that_cannot_be_are_refused(cart: ModuleType) -> None:
         (0.1, ("encoders", 0.1, [0.0]), "must not be before the last, 0.2 s"),
         (0.3, ("encoder", 0.3, [0.0]), "'encoder' is none of gps, encoders"),
         (0.3, ("encoders", 0.3, [0.0, 0.0]), "must be 1 numbers"),
-        (0.3, ("encoders", 0.4, [0.0]), "must now be from 0.14 s to 0.3 s"),
+        (0.3, ("encoders", 0.4, [0.0]), "but now only 0.14 s to 0.3 s are accepted"),
         (0.3, ("gps", 0.1, np.zeros(6)), "give the sensor a longer delay"),
     ):
         with pytest.raises(UsageError, match=words):
@@ -425,7 +425,7 @@ def test_a_filter_needs_sensors(cart: ModuleType) -> None:
         Estimator(cart, None)
     with pytest.raises(ScenarioFileError, match=r"control\.estimate: needs sensors"):
         read_scenario({k: x for k, x in SENSED.items() if k != "sensors"})
-    with pytest.raises(ScenarioFileError, match=r"control\.estimate: must be false where"):
+    with pytest.raises(ScenarioFileError, match=r"control\.estimate: must be false if"):
         read_scenario(SENSED, {"sensors.delay": 0.1})
 
 

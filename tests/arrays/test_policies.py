@@ -138,5 +138,5 @@ def test_what_is_no_policy_is_refused(robot: ModuleType) -> None:
     with pytest.raises(UsageError, match=r"elu, relu, sigmoid, tanh .* are known, not gelu"):
         network(["gelu"], variable("x", 3))
     program = Program("policy", (x := variable("distance"),), {"u": join(x, x, x, x)})
-    with pytest.raises(UsageError, match="distance: nothing that a controller observes"):
+    with pytest.raises(UsageError, match="distance: no observation has this name"):
         ProgramController(program, robot)

@@ -161,7 +161,7 @@ def wrong() -> Iterator[tuple[Callable[[Functions, Node, Node], object], str]]:
         )
     yield lambda r, q, v: Program("p", (v,), {"v": v})(v[:1]), "does not go with its input"
     twice = [Program("f", (), {"y": constant(value)}) for value in (1.0, 2.0)]
-    yield lambda r, q, v: check_distinct(twice), "two programs are called f; each needs a name"
+    yield lambda r, q, v: check_distinct(twice), "two programs are called f; rename one"
     shared = variable("v", 1, uniform=True)
     yield lambda r, q, v: Program("p", (shared,), {"v": shared})(v[:1]), "does not go with"
     yield (
@@ -181,7 +181,7 @@ def wrong() -> Iterator[tuple[Callable[[Functions, Node, Node], object], str]]:
     )
     yield (
         lambda r, q, v: evaluate(Program("p", (v,), {"v": v}), {"v": np.ones(2)}, {}),
-        "should be the last axes",
+        "its last axes must be",
     )
 
 

@@ -31,9 +31,9 @@ def test_a_flight_becomes_a_bag(shipped: Callable[[str], ModuleType], tmp_path: 
     files = sorted(path.name for path in (tmp_path / "bags" / "one").iterdir())
     assert files == ["metadata.yaml", "one.mcap"]
     for words, message in (
-        (("flight", "--out", "bags/one"), "bags/one: is there already"),
-        (("bags",), "bags: is not a flight that was saved: Is a directory; give the flight.npz"),
-        (("none.npz",), "none.npz: is not a flight that was saved: No such file"),
+        (("flight", "--out", "bags/one"), "bags/one: exists already"),
+        (("bags",), "bags: is not a saved flight: Is a directory; give a flight.npz"),
+        (("none.npz",), "none.npz: is not a saved flight: No such file"),
     ):
         done = run("log", *words, cwd=tmp_path)
         assert (done.returncode, done.stdout) == (2, "")
@@ -51,7 +51,7 @@ def test_a_log_becomes_a_flight(shipped: Callable[[str], ModuleType], tmp_path: 
     words += ["--name", "theta_7=arm.position[0]", "--name", "theta_8=0.25"]
     done = run(*words, cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
-    assert "tables: has no positions of the joint theta_9; name what it is called" in done.stderr
+    assert "tables: has no positions of the joint theta_9; give its name in the log" in done.stderr
     done = run(*words, "--name", "theta_9=arm.position[2]", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == "flight: hexarotor_3link, 50 samples of 0.4 s, by tables\n"
@@ -68,7 +68,7 @@ def test_what_is_not_there_is_said_before_anything_is_derived(
     monkeypatch.setattr(robot_argument, "found_module", None)
     (tmp_path / "tables").mkdir()
     for words, message in (
-        (["none"], "none: is not there; give a log"),
+        (["none"], "none: does not exist; give a log"),
         (["tables", "--estimate", "none.toml"], "none.toml: "),
     ):
         done = run("replay", "quadrotor", *words, cwd=tmp_path)

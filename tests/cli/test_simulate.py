@@ -97,7 +97,7 @@ def test_a_force_that_is_not_reached_is_told(felt: float, told: bool, workplace:
     options += ["--out", "pushing"]
     done = run("simulate", "hexarotor_3link", *options, "--no-figures", cwd=workplace)
     assert done.returncode == 0, done.stderr
-    note = "note: tip was to push with 2 N, but feels 0.6 N at most; put its path nearer"
+    note = "note: tip should push with 2 N but reaches at most 0.6 N; move its path nearer"
     assert (note in done.stdout) is told
 
 

@@ -116,7 +116,7 @@ def test_a_robot_file_is_verified_without_leaving_anything(
     monkeypatch.chdir(tmp_path)
     assert main(["new", "mine.toml"]) == 0
     assert main(["verify", "mine.toml", "--states", "2", "--backend", "numpy"]) == 0
-    assert "(the module was generated for this and is not kept)" in capsys.readouterr().out
+    assert "(the module was generated for this check and is not kept)" in capsys.readouterr().out
     assert os.listdir(tmp_path) == ["mine.toml"]
 
 

@@ -237,7 +237,7 @@ def test_what_cannot_be_computed_is_not_emitted() -> None:
     )
     robot = Robot("close", BASE)
     check_range(robot, program, {"link1_length": 2.0, "link2_length": 1.0})
-    with pytest.raises(UsageError, match="close: its accelerations overflow, or are lost") as error:
+    with pytest.raises(UsageError, match="close: accelerations overflow or vanish in") as error:
         check_range(robot, program, {"link1_length": 1e30, "link2_length": 1e30})
     assert "link1_length = 1e+30" in str(error.value)
 
@@ -275,7 +275,7 @@ def test_a_machine_singular_somewhere_is_right_elsewhere(name: str, tmp_path: Pa
     q[joints] = 0.0
     for module in (emitted.module, load(emitted.folder, backend="c")):
         assert max(of_rounding(robot, module, 3).values()) <= 1.0
-        assert "let joints move nothing" in " ".join(module.forward_dynamics.__doc__.split())
+        assert "a joint moves no mass" in " ".join(module.forward_dynamics.__doc__.split())
         with np.errstate(all="ignore"):
             accelerations = module.forward_dynamics(q, v, u)
         assert not (np.abs(accelerations[joints]) < 1e12).all()

@@ -154,5 +154,5 @@ def test_energy_balances_over_a_flight(damping: float) -> None:
 
 
 def test_chains_that_springs_leave_are_not_shown() -> None:
-    with pytest.raises(UsageError, match="sprung: no chain can be shown with springs"):
+    with pytest.raises(UsageError, match="sprung: chains cannot be shown with springs"):
         chain_equation(ROBOT, 1, 2)

@@ -140,7 +140,7 @@ def test_rotors_that_follow_differently_have_their_mean() -> None:
     )
     values, told = px4(parse_robot(text))
     assert values["THR_MDL_FAC"] == pytest.approx(0.5)
-    assert "mind: rotors follow the output differently; their mean is taken" in told
+    assert "mind: the thrust curves of the rotors differ; their mean is used" in told
 
 
 TILTED = """
@@ -255,6 +255,6 @@ def test_that_ardupilot_has_no_such_frame_is_told() -> None:
     for name in ("hextilt_flying_arm_5", "hydrus"):
         text, told = export_robot(read_robot(name)[0], "ardupilot")
         assert "FRAME_CLASS," not in text
-        assert any("has no frame with such rotors" in line for line in told)
+        assert any("has no frame with these rotors" in line for line in told)
     _, told = export_robot(actuated(), "ardupilot")
     assert not any("has no frame" in line for line in told)

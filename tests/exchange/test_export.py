@@ -385,8 +385,11 @@ def test_clashing_and_hostile_names_come_back_as_the_same_machine(
     }
     assert {f"renamed: {line}" for line in renamed[form]} < {*lines}
     assert "renamed: link c\\x01d is c_d" in lines
-    assert "left out: c\\x01d: that a constraint torque holds it; it is welded" in lines
-    lost = {"urdf": "stiffness", "mjcf": "velocity and limits, since it has one only"}
+    assert (
+        "left out: c\\x01d: the constraint torque that holds it; the link is welded instead"
+        in lines
+    )
+    lost = {"urdf": "stiffness", "mjcf": "velocity and limits, of which the format has only one"}
     told = [line for line in lines if line.startswith("left out: joint rotor1")]
     assert told == [f"left out: joint rotor1: {lost[form]}"] if form in lost else told == []
     assert ("left out: time constants of r" in lines) == (form == "urdf")
@@ -475,12 +478,14 @@ def test_of_actuators_what_a_file_cannot_hold_is_told(form: Format, tmp_path: Pa
     robot = actuated()
     _, lines = export_robot(robot, form)
     labels = "front_left, rear_left, rear_right"
-    assert f"left out: what rotors make of commands: {labels}" in lines
+    assert f"left out: thrust curves of the rotors: {labels}" in lines
     assert "left out: air on rotors: front_left" in lines
     assert "left out: the battery" in lines
     is_urdf = form == "urdf"
     lost = (
-        "servo but for its torque and rate" if is_urdf else "velocity and servo but for its torque"
+        "servo, except its greatest torque and rate"
+        if is_urdf
+        else "velocity and servo, except its greatest torque"
     )
     assert f"left out: joint upper: {lost} and static friction" in lines
     assert not any(line.startswith("left out: joint wrist") for line in lines)

@@ -161,7 +161,7 @@ def test_equalities_of_mjcf_that_are_no_gears_are_told(tmp_path: Path) -> None:
     path.write_text(text.replace('joint="tip" coef="1.0"', 'joint="tip" coef="0"'))
     robot, findings = import_robot(path, ImportOptions("quaternion"))
     assert robot.links[2].gear is None
-    assert "an equality of tendons that is no gear" in {line.detail for line in findings}
+    assert "an equality of tendons that is not a gear" in {line.detail for line in findings}
 
 
 GEARBOX = """
@@ -211,7 +211,7 @@ def test_rotors_of_transmissions_are_motors_behind_gears(tmp_path: Path) -> None
     assert turns in told["driver"]
     text, findings = export_robot(robot, "mjcf")
     assert f'armature="{2e-5 * 60.0**2!r}"' in text
-    assert any("what its rotor does to what carries it" in line for line in findings)
+    assert any("the reaction of its motor's rotor on the parent link" in line for line in findings)
     for form in ("urdf", "sdf"):
         text, findings = export_robot(robot, form)
         assert not any("armature" in line or "motor" in line for line in findings)

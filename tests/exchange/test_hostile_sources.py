@@ -71,7 +71,7 @@ HOSTILE: dict[str, tuple[str | bytes, str]] = {
             for i in range(400)
         )
         + '<link name="l400"/></model></sdf>',
-        "in a circle",
+        "to itself through others",
     ),
     "sdf chain": (
         '<sdf version="1.9"><model name="m"><link name="f0"/>'
@@ -98,7 +98,7 @@ HOSTILE: dict[str, tuple[str | bytes, str]] = {
         "form a closed loop",
     ),
     "own parent": (f"<robot>{TWO}{JOINT.format('1', 'fixed', 'b', 'b')}</robot>", "closed loop"),
-    "two roots": (f"<robot>{TWO}</robot>", "2 links that no joint carries, a, b"),
+    "two roots": (f"<robot>{TWO}</robot>", "2 links are not the child of a joint: a, b"),
     "twice": (f"<robot>{LINK.format('a')}{LINK.format('a')}</robot>", "another link of that name"),
     "no mass": ('<robot><link name="a"/></robot>', "mass"),
     "huge": (f"<robot>{LINK.format('a').replace('1', '1e400')}</robot>", "finite number"),
@@ -106,7 +106,7 @@ HOSTILE: dict[str, tuple[str | bytes, str]] = {
     "controls": ('<robot><link name="a&#10;&#9;b"/></robot>', "printable characters"),
     "long": (f'<robot><link name="{"a" * 9999}"/></robot>', "200 printable characters"),
     "many links": (chain(65, "continuous"), "65 moving links"),
-    "floating": (chain(3, "floating"), "is floating, which is possible at the root only"),
+    "floating": (chain(3, "floating"), "is floating, which only a joint at the root may be"),
     "mjcf of nothing": ("<mujoco/>", "holds 0 robots"),
     "mjcf nan": (MJCF.format('<geom size="nan"/>'), "size must be finite"),
     "mjcf shape": (MJCF.format('<geom type="dodo"/>'), "MuJoCo refuses it"),
@@ -131,13 +131,13 @@ HOSTILE: dict[str, tuple[str | bytes, str]] = {
     "mjcf builtin mesh": (
         '<mujoco><asset><mesh name="m" builtin="supersphere" params="3000 1 1"/></asset>'
         '<worldbody><body><freejoint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>',
-        "builtin meshes are not imported",
+        "built-in meshes and meshes of plugins are not imported",
     ),
     "mjcf two": (
         "<mujoco><worldbody>"
         + '<body><freejoint/><geom size="1"/></body>' * 2
         + "</worldbody></mujoco>",
-        "holds 2 robots (body_1, body_2); --base LINK tells which is meant",
+        "holds 2 robots (body_1, body_2); choose one with --base LINK",
     ),
 }
 
@@ -239,7 +239,7 @@ PLATFORM = """platform: {cf: 1.0e-5, cm: 2.0e-7, max_thrust: 9.0, min_thrust: 0.
         ("[0, 0, 0]", "[" + "0, " * 100_000 + "]", "more than 100000 characters"),
         (PLATFORM, "", "it has none"),
         ("cf:", "cg:", "cf is missing"),
-        ("}]}", "}", "line 2 is no YAML"),
+        ("}]}", "}", "line 2 is not YAML"),
     ],
 )
 def test_hostile_platforms(
@@ -251,7 +251,7 @@ def test_hostile_platforms(
     words = ["import", str(SOURCES / "features.urdf"), "--rotors", str(rotors), "--out", str(out)]
     assert main(words) == 2
     said = capsys.readouterr().err
-    assert "platform.yaml: no platform of eagle_mpc" in said
+    assert "platform.yaml: not a platform file of eagle_mpc" in said
     assert message in said
     assert not out.exists()
 
@@ -334,7 +334,7 @@ def test_a_file_is_replaced_by_force_only(
     out = tmp_path / "out.toml"
     out.write_text("mine")
     assert imported() == 2
-    assert "exists already; choose another name, or have it replaced with --force" in (
+    assert "exists already; choose another name, or replace it with --force" in (
         capsys.readouterr().err
     )
     assert out.read_text() == "mine"

@@ -357,11 +357,13 @@ def test_a_lock_of_what_leads_to_the_base_is_told(tmp_path: Path) -> None:
     robot, report = imported(text, tmp_path, lock={"z": 0.5})
     assert robot.base.motion == ("z",)
     (note,) = (line for line in report if line.subject == "z" and line.kind == "note")
-    assert note.detail.startswith("is not locked, since it leads to the base: --base MOTION")
+    assert note.detail.startswith(
+        "leads to the base and cannot be locked; give the motion of the base with --base MOTION"
+    )
 
 
 def test_a_plane_across_no_axis_of_the_world_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(GibbsCodegenError, match=r'<joint "held">.*across an axis.*--base'):
+    with pytest.raises(GibbsCodegenError, match=r'<joint "held">.*normal to an axis.*--base'):
         imported(arm(ACROSS.format("0 1 1")), tmp_path)
     assert imported(arm(ACROSS.format("0 1 1")), tmp_path, motion="free")[0].base.moves_freely
 
@@ -372,11 +374,11 @@ def test_a_plane_across_no_axis_of_the_world_is_refused(tmp_path: Path) -> None:
         (["fixed"], "fixed", ""),
         (["x,z,pitch"], ("x", "z", "pitch"), ""),
         (["lift", "fixed"], "fixed", ""),
-        (["fixed", "yaw", "roll"], None, "--base roll: give one link, and one motion, at"),
+        (["fixed", "yaw", "roll"], None, "--base roll: give at most one link and one motion"),
         ([], "free", "base, which moves freely; --base fixed holds it"),
         (["fixed", "planar"], None, "--base planar: no such link or motion"),
         (["yaw,x"], None, "'x' comes after a rotation"),
-        (["planar", "--attitude", "xyz"], None, "--attitude is of a base that moves freely"),
+        (["planar", "--attitude", "xyz"], None, "--attitude needs a base that moves freely"),
         (["planr"], None, "--base planr: no such link or motion; did you mean planar?"),
     ],
 )
@@ -605,7 +607,7 @@ def test_the_worked_example_of_the_docs(
     Path("rotors.toml").write_text(rotors)
     Path("plain.urdf").write_text(re.sub('<m_f_rate.*/>|rotor(?=[12]")', "", source))
     assert main(["import", "plain.urdf", "--out", "none.toml"]) == 0
-    assert "--rotors FILE gives them; these joints turn without end: 1, 2" in " ".join(
+    assert "give them with --rotors FILE; these joints turn without end: 1, 2" in " ".join(
         capsys.readouterr().out.split()
     )
     assert main(["import", "plain.urdf", "--rotors", "rotors.toml", "--out", "given.toml"]) == 0
@@ -646,7 +648,7 @@ PART = """
         ([], 0.0, "argument mass has no value; give mass:=VALUE after the file"),
         (["mas:=1.5"], 0.0, "no argument mas; did you mean mass?; there are mass, old, factor"),
         (["mass:=1", "colour:=red"], 0.0, "it has no argument colour"),
-        (["mass:=1", "old:=1"], 0.0, "its argument old is used nowhere; leave it out"),
+        (["mass:=1", "old:=1"], 0.0, "its argument old is not used; leave it out"),
         (["mass:="], 0.0, "value must be a finite number up to 1e+50 in size, not an empty"),
         (["mass=1"], 0.0, "mass=1: after FILE come arguments of xacro as NAME:=VALUE"),
         (["mass:=${n}"], 0.0, "xacro cannot evaluate it (name 'n' is not defined"),
@@ -749,7 +751,7 @@ def test_motors_of_gazebo_are_commanded_speeds_if_so_asked(tmp_path: Path) -> No
 def test_that_no_motor_takes_a_speed_is_told(tmp_path: Path) -> None:
     text = '<robot name="r"><link name="a"><inertial><mass value="1"/></inertial></link></robot>'
     _, report = imported(text, tmp_path, command="speed")
-    words = "--command speed is for motors of Gazebo, of which none was found"
+    words = "--command speed needs motors of Gazebo, and FILE has none"
     assert words in [line.detail for line in report if line.kind == "note"]
 
 

@@ -132,7 +132,7 @@ def test_actuators_are_written_as_motors_and_controllers_of_gazebo(tmp_path: Pat
     assert f"left out: joint upper: {own}" in lines
     assert "left out: inflow, ground effect of the air (rotors front_left)" in lines
     square = (
-        "changed: the thrust is by the square of the speed alone (rotors front_left, rear_left)"
+        "changed: thrust depends on the square of the speed alone (rotors front_left, rear_left)"
     )
     assert square in lines
     assert "assumed: 1000 rad/s at the greatest thrust (rotors front_right)" in lines
@@ -367,13 +367,13 @@ REFUSED = [
     ('attached_to="boom"><pose>0.05', 'attached_to="bom"><pose>0.05', "bom; did you mean boom?"),
     ('attached_to="hub">', 'attached_to="hup">', "no link, joint or frame hup; did you mean hub?"),
     ('"hook">', '"hook" attached_to="nolink"/><frame name="other">', "joint or frame nolink"),
-    ('relative_to="boom"', 'relative_to="hook"', "relative to itself, in a circle"),
+    ('relative_to="boom"', 'relative_to="hook"', "relative to itself through others"),
     ("<lower>-1<", "<lower>-1e20 m<", "must be a finite number"),
     ("1 2 3 0 0 0.5</pose>", "1 2 3 0 0 0.5</pose><include/>", "<include>: has no <uri>"),
     (
         '"hook">',
         '"hook" attached_to="ring"/><frame name="ring" attached_to="hook">',
-        "is attached to itself, in a circle",
+        "is attached to itself through others",
     ),
     (
         'type="revolute">\n        <pose>',
@@ -381,7 +381,7 @@ REFUSED = [
         "must be one of revolute",
     ),
     ("<lower>-1<", "<lower>2<", "<lower> 2 is above <upper> 1"),
-    ("<static>true</static>", "", "holds 2 models that move (floor, machine); a robot is one"),
+    ("<static>true</static>", "", "holds 2 models that move (floor, machine); keep one"),
     (">0 1 1<", ">0 0 0<", "its axis has no length"),
     (">0 1 1<", ">0 1<", "must have 3 numbers, not 2"),
     ("<child>boom<", "<child>bom<", "no link, joint or frame bom; did you mean boom?"),
@@ -422,7 +422,7 @@ def test_a_link_without_inertia_has_what_sdf_says(tmp_path: Path) -> None:
     robot, report = import_robot(path, ImportOptions("quaternion"))
     assert_is_as_read(robot, as_read(path, tmp_path))
     assert robot.total_mass == 1.0
-    assert any(line.subject == "a" and "for which SDF has" in line.detail for line in report)
+    assert any(line.subject == "a" and "so SDF's defaults" in line.detail for line in report)
 
 
 def test_inertias_that_gazebo_refuses_are_told() -> None:

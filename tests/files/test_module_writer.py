@@ -168,7 +168,9 @@ def test_files_of_the_user_are_refused_by_name_and_with_force_kept(
     before = tree(tmp_path)
     name = path.relative_to(target).as_posix()
     for refused in (write_module, check_replaceable) if manifest else (write_module,):
-        with pytest.raises(UsageError, match=rf"robot: holds what .*{re.escape(name)}.*--force"):
+        with pytest.raises(
+            UsageError, match=rf"robot: holds files that .*{re.escape(name)}.*--force"
+        ):
             refused(target, NEWER if refused is write_module else "")
     assert tree(tmp_path) == before
     assert name in differing_files(target, FILES)
@@ -508,10 +510,12 @@ def test_a_lock_that_is_never_let_go_is_named_and_given_up(
             lambda: differing_files(target, FILES),
         ):
             caplog.clear()
-            with pytest.raises(OutputError, match=rf"process {number} has held .*another --out"):
+            with pytest.raises(
+                OutputError, match=rf"process {number} has been writing .*another --out"
+            ):
                 work()
             assert [record.getMessage() for record in caplog.records] == [
-                f"{tmp_path}: waiting for process {number} to let go"
+                f"{tmp_path}: waiting for process {number} to finish"
             ]
     assert differing_files(target, FILES) == []
 
@@ -529,7 +533,7 @@ def test_a_wait_of_seconds_is_said_where_the_command_runs(tmp_path: Path) -> Non
         )
         assert process.stderr is not None
         # A slow machine also says that it derives the equations.
-        assert f"generated: waiting for process {number} to let go\n" in iter(
+        assert f"generated: waiting for process {number} to finish\n" in iter(
             process.stderr.readline, ""
         )
     assert "is not there yet" in process.communicate(timeout=HANGING)[1]

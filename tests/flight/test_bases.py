@@ -291,13 +291,13 @@ def test_what_a_base_cannot_do_is_refused_in_words() -> None:
         ),
         ({"start": {"offset": [0, 0, 0.1]}}, r"start\.offset: .* 0\.1 m along z .* only$"),
         ({"base": {"path": line([0, 0, 0.1], [1, 0, 0.1])}}, r"-0\.1 m along z"),
-        ({"control": {"law": "impedance"}}, r"t = 0 s nothing moves tip along \[0, 0, 1\]"),
+        ({"control": {"law": "impedance"}}, r"t = 0 s the robot cannot move tip along \[0, 0, 1\]"),
         (
             {
                 "arm": {"posture_deg": {"rod": 20}},
                 "control": {"law": "force", "force": {"direction": [0, 3, 4], "value": 1}},
             },
-            r"control\.force\.direction: in no posture cart moves tip along \[0, 1, 0\]; give a",
+            r"control\.force\.direction: cart can never move tip along \[0, 1, 0\]; give a",
         ),
     ):
         with pytest.raises(UsageError, match=words):

@@ -215,7 +215,7 @@ def test_an_omnidirectional_base_turns_as_it_goes() -> None:
     off = np.sqrt(0.02) * (1.0 + 5.0 * flight.time) * np.exp(-5.0 * flight.time)
     np.testing.assert_allclose(flight.centre_error, off, atol=1e-9)
     assert np.abs(flight.energy_error).max() < 1e-8
-    with pytest.raises(UsageError, match="return_rate and return_speed are of a base with a drive"):
+    with pytest.raises(UsageError, match="return_rate and return_speed need a base with a drive"):
         driven(module, 0.5, circle(1.5, 8.0) | turning, control={"return_rate": 2})
 
 
@@ -355,7 +355,7 @@ def test_what_takes_derivatives_refuses_what_turns_with_wheels() -> None:
     rest: Any = Hover(np.zeros(5), np.zeros(2))
     around = {"name": "air", "duration": 1, "payload": [{"mass": 1.0, "frame": "rim"}]}
     sensed = {"name": "seen", "duration": 1, "sensors": {"pose": [{"frame": "rim"}]}}
-    wheel = r"rim of cart turns with a wheel, .*; give a frame that is on no wheel"
+    wheel = r"rim of cart turns with a wheel, .*; give a frame on another body"
     with pytest.raises(UsageError, match=rf"payload 1: frame: {wheel}"):
         linearise(rim, rest.q, np.zeros(2), rest.u, surroundings=around)
     with pytest.raises(UsageError, match=rf"payload 1: frame: {wheel}"):

@@ -300,7 +300,7 @@ def test_a_start_where_the_machine_is_singular_is_refused_as_that() -> None:
     wrist = emitted_module(replace(paper_family(4, 0), links=arm))
     flight = {"duration": 0.1, "control": {"law": "off"}}
     straight = read_scenario("hover", flight | {"arm": {"posture_deg": {"theta_6": 0.0}}})
-    with pytest.raises(UsageError, match="singular where the flight begins"):
+    with pytest.raises(UsageError, match="singular at the start"):
         simulate(wrist, straight)
     bent = read_scenario("hover", flight | {"arm": {"posture_deg": {"theta_6": 40.0}}})
     assert np.isfinite(simulate(wrist, bent).q).all()

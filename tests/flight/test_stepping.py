@@ -190,7 +190,7 @@ def test_what_is_refused(fast: Load) -> None:
     assert "control is lost" in simulation.stopped
     assert simulation.time < 0.6
     assert simulation.flight().stopped == simulation.stopped
-    with pytest.raises(UsageError, match=r"the flight has ended, at t = .* reset begins another"):
+    with pytest.raises(UsageError, match=r"the flight has ended, at t = .* call reset"):
         simulation.step(np.zeros(4))
     simulation.reset()
     assert simulation.stopped == ""

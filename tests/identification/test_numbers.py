@@ -79,7 +79,7 @@ def test_numbers_of_all_rotors_keep_their_ratios(module) -> None:
     ("free", "words"),
     [
         (["bse_mass"], "did you mean base_mass"),
-        (["rotors.drag", "rotor_0_drag"], "rotor_0_drag, which is free by itself"),
+        (["rotors.drag", "rotor_0_drag"], "rotor_0_drag is free by itself"),
         (["*link_1_armature"], "is 0 in the robot file"),
     ],
 )
@@ -129,7 +129,7 @@ def test_a_thrust_curve_takes_the_place_of_the_greatest_thrust() -> None:
 
 
 def test_what_does_not_stand_in_the_file_is_refused() -> None:
-    with pytest.raises(UsageError, match="does not stand in the robot file by itself"):
+    with pytest.raises(UsageError, match="has no value of its own in the robot file"):
         with_numbers(read_robot("quadrotor_arm_2link")[1], {"forearm_armature": 0.1}, {})
 
 
@@ -187,7 +187,7 @@ def test_what_is_unseen_is_said_of_values_not_of_factors_of_inertia(module) -> N
 
 
 def test_a_wrong_name_lists_what_can_be_free(module) -> None:
-    with pytest.raises(UsageError, match=r"has none.*Free by default are rotors\.drag"):
+    with pytest.raises(UsageError, match=r"has no such number.*Free by default: rotors\.drag"):
         Unknowns(module, ["rotors.bogus"], 0.3)
 
 

@@ -106,9 +106,12 @@ def quiet(recording: Recording) -> Recording:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda r: replace(r, time=50 * r.time), "tells no pose, and has 5 samples a second; 10"),
-        (lambda r: part_of(r, slice(200)), "is too short for that"),
-        (quiet, "an IMU reads nothing in a part of it; cut that part out"),
+        (
+            lambda r: replace(r, time=50 * r.time),
+            "has no pose and 5 samples a second; such logs need 10",
+        ),
+        (lambda r: part_of(r, slice(200)), "held-out part is too short"),
+        (quiet, "in a part an IMU has no readings; cut that part out"),
     ],
 )
 def test_logs_without_a_pose_that_tell_too_little_are_refused(

@@ -346,9 +346,9 @@ def test_no_regulator_brings_a_cart_to_its_side() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('motion = "planar"', 'motion = "upright"', "base.drive: is of a base that rolls: give"),
+        ('motion = "planar"', 'motion = "upright"', "base.drive: needs a base that rolls; give"),
         ('drive = "differential"\n', "", ""),
-        ('"differential"', '"ackermann"', "no wheel may steer, and those that slide"),
+        ('"differential"', '"ackermann"', "wheels cannot steer, and wheels that slide"),
         ('= "phi_left"', '= "phi_right"', "'phi_right' is the name of the coordinate of wheel 1"),
         (
             "xyz = [0, 0.75",
@@ -376,9 +376,9 @@ def test_no_regulator_brings_a_cart_to_its_side() -> None:
         (
             "radius = 0.05",
             'radius = 0.05\non = "left"',
-            "all wheels are on the base, and none",
+            "all wheels are on the base and do not",
         ),
-        ("com =", "rpy_deg = [0, 9, 0]\ncom =", "base.rpy_deg: must be left out, since"),
+        ("com =", "rpy_deg = [0, 9, 0]\ncom =", "base.rpy_deg: must be left out, because"),
         ("com =", "xyz = [1, 0, 0.1]\ncom =", ""),
     ],
 )
@@ -407,7 +407,7 @@ def test_surroundings_that_do_nothing_change_no_rollout_of_driven_wheels() -> No
 
 def test_what_takes_no_wheels_says_so() -> None:
     _, lines = export_robot(parse_robot(CART), "urdf")
-    assert "left out: that wheels roll, and that no base with a drive slips sideways" in lines
+    assert "left out: the rolling of wheels and of a base with a drive, without side slip" in lines
     # Nothing drives a sleigh.
-    with pytest.raises(UsageError, match="nothing makes the force along x and torque about z"):
+    with pytest.raises(UsageError, match="nothing produces the force along x and torque about z"):
         simulate(differentiable_sleigh(), "hold")

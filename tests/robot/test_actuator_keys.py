@@ -30,13 +30,13 @@ CURVED = FAST.replace("constant = 1e-5", "curve = [0, 2e-2, -1e-5]")
         (
             "static = 0.03",
             "static = 0.01",
-            "link 1: friction.static: must be at least coulomb, 0.02, since friction is greatest",
+            "link 1: friction.static: must be at least coulomb, 0.02, because friction is greatest",
         ),
         (
             "full_speed          = 900",
             "full_speed = 900\ntime_constant = 0.03",
-            "rotor 1: time_constants: must not stand beside time_constant: give time_constants "
-            "where the rotor slows down otherwise than it speeds up, or else time_constant",
+            "rotor 1: time_constants: excludes time_constant; give time_constants "
+            "if slowing down takes another time than speeding up, else time_constant",
         ),
         (
             "limits        = [0, 9]",
@@ -51,7 +51,7 @@ CURVED = FAST.replace("constant = 1e-5", "curve = [0, 2e-2, -1e-5]")
         (
             FAST,
             f"{FAST}\nmax_thrust = 9",
-            "rotor 3: max_thrust: must not stand beside thrust_constant: give thrust_curve or",
+            "rotor 3: max_thrust: excludes thrust_constant; give thrust_curve or",
         ),
         (
             FAST,
@@ -62,13 +62,13 @@ CURVED = FAST.replace("constant = 1e-5", "curve = [0, 2e-2, -1e-5]")
         (
             FAST,
             CURVED.replace("950", "1001"),
-            "rotor 3: command_limits: must not let the thrust fall, as it does beyond a speed of "
-            "1000: give command_limits that end there or before",
+            "rotor 3: command_limits: lets the thrust fall beyond a speed of "
+            "1000; give command_limits that end there or before",
         ),
         (
             FAST,
             CURVED.partition("\n")[0],
-            "rotor 3: thrust_curve: must not let the thrust fall, as it does beyond a speed of",
+            "rotor 3: thrust_curve: lets the thrust fall beyond a speed of",
         ),
         (
             FAST,
@@ -83,17 +83,18 @@ CURVED = FAST.replace("constant = 1e-5", "curve = [0, 2e-2, -1e-5]")
         (
             "servo   = { stiffness = 400, damping = 8",
             'servo = { stiffness = 400, command = "rate"',
-            "link 2: servo.stiffness: must be left out where rates are commanded",
+            "link 2: servo.stiffness: must be left out if rates are commanded",
         ),
         (
             "servo   = { stiffness = 400, damping = 8",
             'servo = { command = "rate"',
-            "link 2: servo.damping: must be given, above 0: by it the servo pushes towards a rate",
+            "link 2: servo.damping: must be given, above 0, because it drives the servo towards a",
         ),
         (
             "servo   = { stiffness = 400,",
             "servo = {",
-            "link 2: servo.stiffness: missing: torque or force by distance, N m/rad or N/m",
+            "link 2: servo.stiffness: missing: torque or force per distance from the reference, "
+            "N m/rad or N/m",
         ),
         (FAST, "thrust_curve = 'square'", "rotor 3: thrust_curve: must be a list of 3 numbers"),
         (

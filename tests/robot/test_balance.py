@@ -78,7 +78,7 @@ def test_thrusts_that_cannot_carry_the_weight() -> None:
     flat = replace(robot.base, thrust=((0.0, 1.0, 0.0),) * 3)
     flat_robot = replace(robot, base=flat)
     assert hover(flat_robot).thrusts is None
-    assert balance_lines(flat_robot)[2].startswith("hover thrusts: none carry the weight")
+    assert balance_lines(flat_robot)[2].startswith("hover thrusts: no thrusts carry the weight")
 
 
 @pytest.mark.parametrize("name", shipped_robots())

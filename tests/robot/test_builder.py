@@ -78,8 +78,8 @@ def test_every_fault_names_its_key() -> None:
     for words in (
         "constraint 1: frame: must be the name of a frame, not 'fot_2'; did you mean 'foot_2'?",
         "constraint 2: frame: must be the name of a frame, not 'x'; 'toe' is one",
-        "constraint 4: to: both frames are on the same body, so that nothing can move",
-        "constraint 5: to: both frames are on the same body, so that nothing can move",
+        "constraint 4: to: both frames are on the same body; choose frames on two bodies",
+        "constraint 5: to: both frames are on the same body; choose frames on two bodies",
     ):
         assert words in str(refused.value)
     assert "constraint 3" not in str(refused.value)

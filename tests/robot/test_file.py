@@ -136,7 +136,7 @@ inertia = [1, 1, 5, 0, 0, 0]
 lenght = 1.0
 """
     assert faults(text) == [
-        "robot.toml:1: name: 'class' is a keyword of Python, which no module can be named; "
+        "robot.toml:1: name: 'class' is a keyword of Python and cannot name a module; "
         "add a word, e.g. class_arm",
         "robot.toml:2: gravity: must be a number, not a string",
         "robot.toml:4: base.rotor: unknown key; did you mean rotors?",
@@ -335,7 +335,7 @@ def test_what_several_keys_get_wrong_is_told_beside_faults_of_each() -> None:
 def test_a_single_bracket_is_explained_with_its_line() -> None:
     (line,) = faults(BASE + "[link]\nmass = 1\n[link]\nmass = 1\n")
     assert line.startswith("robot.toml:8: not valid TOML")
-    assert "[[link]], in two brackets" in line
+    assert "[[link]], in double brackets" in line
 
 
 def test_blanks_without_end_do_not_slow_a_refusal() -> None:
@@ -378,6 +378,5 @@ arm = { length = -1 }
 
 def test_a_scenario_is_told_from_a_robot_file() -> None:
     assert faults('duration = 5\n[base]\npath = { kind = "point" }\n') == [
-        "robot.toml:1: duration: a key of a scenario, and not of a robot file, which must be given "
-        "here"
+        "robot.toml:1: duration: a key of a scenario; give a robot file here"
     ]

@@ -119,23 +119,27 @@ def test_rotors_that_are_more_than_their_carriers_are_warned_of() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"driver", ratio', '"last", ratio', "'last' is itself moved by this joint, which makes a"),
-        ('"driver", ratio', '"slider", ratio', "'slider' is itself moved by this joint, which"),
+        ('"driver", ratio', '"last", ratio', "'last' is itself moved by this joint; break"),
+        ('"driver", ratio', '"slider", ratio', "'slider' is itself moved by this joint; break"),
         ('"driver", ratio', '"drver", ratio', "not 'drver'; did you mean 'driver'?"),
         ('"driver", ratio', '"base", ratio', "name of another link whose joint moves, not 'base'"),
         (
             "ratio = 0.5",
             "ratio = 0",
-            'must not be 0, with which the joint would not move: give joint = "f',
+            'must not be 0, or the joint would not move; give joint = "f',
         ),
         (
             GEAR,
             f"{GEAR}\nlimits = [0, 1]",
-            "limits: must be left out, since a gear moves the joint",
+            "limits: must be left out, because a gear moves the joint",
         ),
-        (GEAR, f"{GEAR}\nfriction.coulomb = 1", "friction: must be left out, since a gear moves"),
+        (GEAR, f"{GEAR}\nfriction.coulomb = 1", "friction: must be left out, because a gear moves"),
         ("limits = [-1, 1]", 'joint = "fixed"', "'driver' is fixed"),
-        ('"driver", ratio = 0.5', '["driver", "driver"], ratio = [1, 1]', "a name twice: add the"),
+        (
+            '"driver", ratio = 0.5',
+            '["driver", "driver"], ratio = [1, 1]',
+            "a name twice; give it once",
+        ),
         (
             '"driver", ratio = 0.5',
             '["driver", "last"], ratio = [1, 1]',

@@ -119,7 +119,9 @@ def test_hover_thrusts_are_told_with_the_torques_of_the_joints() -> None:
     told = hover_lines(FOREARM, hover(FOREARM))[1]
     assert told == "joint torques that hold it there: shoulder 0.1962 N m, elbow 0.1962 N m"
     delta = read_robot("delta_hexarotor")[0]
-    assert hover_lines(delta, hover(delta))[1].endswith("those of trim, since loops bear some")
+    assert hover_lines(delta, hover(delta))[1].endswith(
+        "see trim, because loops carry part of them"
+    )
     upper, lower = FOREARM.links
     sliding = replace(FOREARM, links=(upper, replace(lower, joint="prismatic", axis=(0, 0, 1))))
     assert hover_lines(sliding, hover(sliding))[1].endswith("shoulder 0.1962 N m, elbow 1.962 N")
@@ -157,13 +159,13 @@ def test_what_thrusts_leave_that_carry_the_weight_is_told() -> None:
     found = hover(one)
     assert found.thrusts is None
     assert found.moment == pytest.approx((0.0, 2.0, 0.0))
-    line = "hover thrusts: none hold it level: a moment of 0, 2, 0 N m is left (level)"
+    line = "hover thrusts: no thrusts hold it level; a moment of 0, 2, 0 N m remains (level)"
     assert found.lifting == pytest.approx((20.0,))
     lifts = "thrusts that carry the weight: 20 N"
     assert balance_lines(one)[2:] == [line, lifts]
     keys = 'command = "throttle"\nfull_speed = 900\nmax_thrust = 80\n'
     throttled = parse_robot(f"gravity = 10\n{text.replace('limits = [0, 9]', keys)}")
-    assert balance_lines(throttled)[2:] == [line, lifts, "hover throttle: 50 %; 50 % are left"]
+    assert balance_lines(throttled)[2:] == [line, lifts, "hover throttle: 50 %; 50 % remain"]
     two = parse_robot(f"{text}[[rotor]]\nposition = [0.05, 0, 0]\nlimits = [0, 9]\n")
     assert hover(two).moment is None
     assert (
@@ -276,7 +278,7 @@ battery = {{ voltage = [20, 20], resistance = 0, capacity = 3, efficiency = 0.8,
     )
     # 4 · 0.02 m · 10 N · 300 rad/s = 240 W of 300 W, and 10 W more: 15.5 A of 3 A h.
     assert hover_lines(robot, hover(robot))[1:] == [
-        "hover throttle: 50, 50, 50, 50 %, with a full battery; 50 % are left",
+        "hover throttle: 50, 50, 50, 50 %, with a full battery; 50 % remain",
         "battery in hover: 20 V and 15.5 A when full; 11.61 min until it is empty",
         "thrust margin: the limits carry 2 times the weight",
     ]
@@ -323,8 +325,8 @@ def test_limits_of_thrusts_are_where_the_curve_rises() -> None:
     low = parse_robot(TEXT.replace("[100, 900]", "[0, 900]")).drives[1].thrust_limits
     assert low == pytest.approx((0.01 - 1e-8 / 1.2e-5, 9.55), rel=1e-12)
     with pytest.raises(
-        RobotFileError, match=r"rotor 3: command_limits: .* -100, but it rises from"
+        RobotFileError, match=r"rotor 3: command_limits: .* from .* on, beyond the greatest .* -100"
     ):
         parse_robot(TEXT.replace(given, "command_limits = [-900, -100]"))
-    with pytest.raises(RobotFileError, match=r"rotor 2: thrust_curve: must let the thrust rise"):
+    with pytest.raises(RobotFileError, match=r"rotor 2: thrust_curve: lets the thrust rise"):
         parse_robot(TEXT.replace("-2e-4, 1.2e-5", "-2e-2, 1e-5"))

@@ -62,7 +62,11 @@ def test_robots_that_ship_are_plausible(name: str) -> None:
             "the robot is 300.2 m long and weighs 1.6 kg; are lengths in mill",
         ),
         ("mass = 1.5", "mass = 1500", "the robot weighs 1500 kg at a size of 0.4 m"),
-        ("0.01, 0.01, 0.02", "1e4, 1e4, 2e4", "the inertia of the base is that of its mass at"),
+        (
+            "0.01, 0.01, 0.02",
+            "1e4, 1e4, 2e4",
+            "the inertia of the base has a radius of gyration of",
+        ),
         ("1e-4, 1e-4, 1e-4", "1e2, 1e2, 1e2", "the inertia of link 1 is"),
         ("drag = -0.02", "drag = -20", "the drag of rotor 2 is -20 m"),
         (
@@ -146,12 +150,12 @@ command_limits = [0, 900]
         (
             "drag = -0.02",
             "drag = 0",
-            "the battery gives no power to rotors of which drag or speed is not known: 2; give",
+            "the battery model lacks the drag or the speed of rotors 2; give",
         ),
         (
             'command = "speed"\nthrust_constant = 1e-5\ncommand_limits = [0, 900]',
             "limits = [0, 9]",
-            "the battery gives no power to rotors of which drag or speed is not known: 2; give",
+            "the battery model lacks the drag or the speed of rotors 2; give",
         ),
     ],
 )

@@ -127,4 +127,4 @@ def test_no_hint_where_no_signs_would_help(rotors: int) -> None:
     )
     assert tilt_hint(upright) is None
     assert tilt_hint(paper_family(rotors, 0)) is None
-    assert TiltHint((1, 3), 5.0).text().startswith("with the thrust of motors 1 and 3 tilted")
+    assert TiltHint((1, 3), 5.0).text().startswith("if the thrust of motors 1 and 3 tilted")

@@ -66,7 +66,7 @@ def test_numpy_serves_until_there_is_room(tmp_path: Path) -> None:
     # A slow machine also says that it compiles.
     said = [line for line in done.error.splitlines() if "compiling" not in line]
     assert len(said) == 1
-    assert said[0].startswith("hexarotor_3link: NumPy serves instead of C: ")
+    assert said[0].startswith("hexarotor_3link: runs in NumPy instead of C: ")
     assert "No space left on device" in said[0]
 
 
@@ -84,6 +84,6 @@ END
 "$PYTHON" fill.py"""
     done = on_small_disk(tmp_path, 100, script)
     assert done.out == (
-        "disk: cannot be written: No space left on device; what was done is kept, and the same "
-        "call goes on from there\n"
+        "disk: cannot be written: No space left on device; finished flights are kept; repeat the "
+        "call to continue\n"
     )

@@ -251,7 +251,7 @@ def test_what_stands_in_a_module_and_is_not_of_it(
     before = tree(work.parent)
     code, _, err = outcome(capsys, "generate", "hexarotor", "--out", "folder")
     assert code == 2
-    assert f"holds what was not generated, or was changed since: {name}; " in err
+    assert f"holds files that were not generated, or were changed since: {name}; " in err
     assert tree(work.parent) == before
 
 
@@ -283,7 +283,7 @@ def test_what_stands_where_results_are_to_be(
         assert code == 0
         return
     assert code == 2
-    assert "folder: holds files that no simulation has written: " in err
+    assert "folder: holds files that no simulation wrote: " in err
     assert name in err
     assert tree(work.parent) == before
 

@@ -51,7 +51,7 @@ def test_generate_and_simulate_with_numpy_alone(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_numpy_serves_where_nothing_compiles(small: Path, tmp_path: Path) -> None:
     said = succeeds(*FLY, str(small), "--no-figures", cwd=tmp_path)
-    assert "NumPy serves instead of C" in said
+    assert "runs in NumPy instead of C" in said
 
 
 @pytest.mark.slow

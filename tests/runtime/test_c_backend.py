@@ -446,7 +446,7 @@ def test_numpy_serves_where_nothing_compiles(
     assert module.mass_matrix(np.zeros(9)).shape == (9, 9)
     assert len(said.records) == 1
     message = said.records[0].getMessage()
-    assert message.startswith("hexarotor_3link: NumPy serves instead of C: ")
+    assert message.startswith("hexarotor_3link: runs in NumPy instead of C: ")
     assert reason in message
     assert "\n" not in message
 
@@ -459,7 +459,7 @@ def test_numpy_serves_where_there_is_no_compiler(
     find_compiler.cache_clear()
     assert load(ROBOT, backend="c").__file__.endswith(".py")
     assert [record.getMessage() for record in said.records] == [
-        "hexarotor_3link: NumPy serves instead of C: no C compiler found; "
+        "hexarotor_3link: runs in NumPy instead of C: no C compiler found; "
         "flights take many times as long"
     ]
 
@@ -486,7 +486,7 @@ def test_numpy_serves_where_nothing_can_be_kept(
     monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "file" / "cache"))
     assert load(ROBOT, backend="c").__file__.endswith(".py")
     assert [record.getMessage().split(": ")[1] for record in said.records] == [
-        "NumPy serves instead of C"
+        "runs in NumPy instead of C"
     ]
 
 

@@ -153,7 +153,7 @@ def test_what_belongs_to_another_user_is_made_anew(name: str) -> None:
 
 def test_a_parent_that_is_open_to_everybody_is_refused(folder: Path) -> None:
     folder.parent.chmod(0o777)
-    with pytest.raises(CacheError, match="open to everybody"):
+    with pytest.raises(CacheError, match="every user can write"):
         cached_library("key", Maker())
 
 

@@ -152,9 +152,7 @@ def test_a_robot_that_ships_is_generated_once_into_the_cache(
     assert load(small.name).NAME == load(small.name, "c").NAME == small.name
     assert verify(small.name, states=1, backends=["numpy"]).passed
     assert commands == [["-m", "gibbs_codegen", "generate", small.name, "--out"]]
-    assert [line.split("; ")[1] for line in caplog.messages] == [
-        "generating it once, into the cache"
-    ]
+    assert [line.split("; ")[1] for line in caplog.messages] == ["generating one into the cache"]
     kept = find_module(Path(small.name))
     (kept / "numpy_module.py").write_text("")
     assert find_module(Path(small.name)) == kept
@@ -181,7 +179,9 @@ def test_a_robot_that_cannot_be_cached_is_refused_with_why(
 def test_what_was_meant_is_suggested(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "inspector.toml").touch()
-    with pytest.raises(UsageError, match="a robot file is no module; gibbs-codegen generate"):
+    with pytest.raises(
+        UsageError, match="this is a robot file, not a module; run gibbs-codegen generate"
+    ):
         load("inspector.toml")
     folder = tmp_path / "generated" / "inspector"
     folder.mkdir(parents=True)

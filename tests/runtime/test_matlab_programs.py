@@ -105,9 +105,12 @@ def small() -> ModuleType:
 def test_what_cannot_be_is_said(small: ModuleType, tmp_path: Path) -> None:
     x, robot = variable("x", 2), Functions(small)
     for program, words in (
-        (Program("a", (x,), {"y": external("own", (2,), x)}), "a: own is external, and there is"),
-        (Program("a", (x,), {"end": x + 1.0}), "a: end is no name of a variable in MATLAB"),
-        (Program("a", (x,), {"x": x + 1.0}), "a: x is the name of an input and of an output"),
+        (
+            Program("a", (x,), {"y": external("own", (2,), x)}),
+            "a: own is written by hand and has no MATLAB",
+        ),
+        (Program("a", (x,), {"end": x + 1.0}), "a: MATLAB cannot name a variable end; rename"),
+        (Program("a", (x,), {"x": x + 1.0}), "a: an input and an output are both called x"),
     ):
         with pytest.raises(UsageError, match=words):
             write_matlab(program, robot, tmp_path)

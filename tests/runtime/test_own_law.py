@@ -185,11 +185,11 @@ def test_rows_may_be_larger_than_the_stack(module: ModuleType) -> None:
 def test_what_cannot_be_is_said(module: ModuleType, law: Program, tmp_path: Path) -> None:
     x: Node = variable("x", 2)
     by_hand = Program("by_hand", (x,), {"y": external("own", (2,), x)})
-    with pytest.raises(UsageError, match="by_hand: own is external, and there is no C of it"):
+    with pytest.raises(UsageError, match="by_hand: own is written by hand and has no C"):
         write_c(by_hand, Functions(module), tmp_path)
-    with pytest.raises(UsageError, match="by_hand: own is external, which is not compiled here"):
+    with pytest.raises(UsageError, match="by_hand: own is written by hand and cannot be compiled"):
         compile_program(by_hand, module)
-    with pytest.raises(UsageError, match=r'load it with backend="c"'):
+    with pytest.raises(UsageError, match=r'load the module with backend="c"'):
         compile_program(law, load(FOLDER))
     with pytest.raises(OutputError, match="cannot be written"):
         write_c(law, Functions(module), tmp_path / "nowhere")

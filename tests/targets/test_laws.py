@@ -334,7 +334,7 @@ def test_laws_run_on_microcontrollers(case: Case) -> None:
             ["c"],
             "--laws pid: unknown; known laws: computed_torque, geometric",
         ),
-        ("quadrotor", ["geometric"], ["numpy"], "laws are written in C.*add --target c"),
+        ("quadrotor", ["geometric"], ["numpy"], "laws need the target c; add --target c"),
         (
             "quadrotor",
             ["computed_torque"],
@@ -347,13 +347,13 @@ def test_laws_run_on_microcontrollers(case: Case) -> None:
             "quadrotor",
             ["geometric_force"],
             ["c"],
-            "quadrotor: under .* joints move the tip, but it has none; choose geometric$",
+            "quadrotor: .* moves the tip by joints, and there are none; choose geometric$",
         ),
         pytest.param(
             "dual_arm",
             ["geometric_impedance"],
             ["c"],
-            r'moves the frame tip, .* are .*left_hand.*; name .* "tip", as a \[\[frame\]\]',
+            r'moves the frame tip, .* are .*left_hand.*; add a \[\[frame\]\] named "tip"',
             marks=pytest.mark.slow,
         ),
     ],
@@ -369,7 +369,7 @@ def test_laws_that_do_not_suit_are_refused(
 def test_a_robot_without_rotors_gets_none(tmp_path: Path) -> None:
     robot, _ = read_robot("quadrotor")
     bare = replace(robot, name="bare", thrusters=(), base=replace(robot.base, rotors=0))
-    with pytest.raises(UsageError, match="bare has no rotors, which laws command"):
+    with pytest.raises(UsageError, match="laws command rotors, and bare has none"):
         generate_robot(bare, robot_text(bare), tmp_path, laws=["geometric"], verify=False)
 
 
@@ -413,7 +413,7 @@ def test_a_module_keeps_its_laws(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert kept_options(folder) == "--laws=geometric"
     assert main(["generate", "quadrotor", "--out", str(tmp_path), "--check"]) == 0
     assert main(words) == 0
-    assert "as before, with --laws=geometric" in capsys.readouterr().out
+    assert "earlier options: --laws=geometric" in capsys.readouterr().out
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == files
     assert main([*words, "--laws", "none"]) == 0
     assert not (folder / "quadrotor_laws.c").exists()
@@ -428,7 +428,7 @@ def test_a_target_that_this_version_lacks_is_no_more_repeated(
     assert main(["generate", "quadrotor", "--out", str(tmp_path), "--no-verify"]) == 0
     said = capsys.readouterr()
     assert "generated with --target old, which this version does not have" in said.err
-    assert "as before, with --target=numpy --functions=kinematics\n" in said.out
+    assert "earlier options: --target=numpy --functions=kinematics\n" in said.out
     assert not (tmp_path / "quadrotor" / "quadrotor.c").exists()
 
 

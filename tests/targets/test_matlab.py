@@ -264,7 +264,7 @@ def test_help_and_errors_are_in_words(packaged: Callable[[str], Packaged], tmp_p
         "mass_matrix(zeros(9, 1), 1)": "constants must be",
         "mass_matrix()": "not enough input arguments",
         "prepare(struct('gravty', 1))": "unknown parameter gravty: the function parameters of this",
-        "prepare(struct('link1_d', 1))": "link1_d is no parameter: it is zero in the robot file",
+        "prepare(struct('link1_d', 1))": "link1_d is not a parameter of this module, because",
         "prepare(struct('gravity', 'g'))": "gravity must be one finite real number",
         "prepare(struct('gravity', inf))": "gravity must be one finite real number",
         "prepare(3)": "parameters must be one struct of numbers",
@@ -343,7 +343,7 @@ def test_names_that_matlab_does_not_take() -> None:
         check_names(replace(given, description=Description(replace(robot, name="b" * 64))))
     for names, words in (
         (["a" * 64], r"a{64} has 64 characters, more than the 63 "),
-        (["_1st_x", "x_1st_x"], "_1st_x would be x_1st_x, which is there already"),
+        (["_1st_x", "x_1st_x"], "_1st_x would be x_1st_x, which exists already"),
     ):
         with pytest.raises(UsageError, match=words):
             check_names(replace(given, defaults=dict.fromkeys(names, 1.0)))

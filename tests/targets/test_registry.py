@@ -137,7 +137,7 @@ def test_unknown_target_is_refused_with_the_known_ones() -> None:
         ("fmu:wall", "wall cannot act in an FMU; .*: drag, walls"),
         ("fmu:", "nothing cannot act in an FMU; .*: drag, walls"),
         ("c:walls", "c"),
-        ("c:", "only fmu has a colon"),
+        ("c:", "only fmu takes a colon"),
     ):
         with pytest.raises(UsageError, match=f"--target {target}: .*{words}"):
             find_targets([target])

@@ -80,16 +80,14 @@ def checked_state(
     wrenches = np.zeros((len(vehicle.frames), 6))
     if isinstance(q, Trim):
         if not v is u is x is None:
-            raise UsageError(
-                "v, u: a trim has its own, and x; give them without a trim, or neither"
-            )
+            raise UsageError("v, u: a trim already has them; leave them out")
         if q.robot != vehicle.name:
-            raise UsageError(f"q: the trim is of {q.robot}, not of {vehicle.name}")
+            raise UsageError(f"q: the trim belongs to {q.robot}, not to {vehicle.name}")
         trim = q
         q, v, x, wrenches = trim.q, trim.v, trim.x, trim.wrenches
         u = trim.u if trim.command is None else trim.command
     elif v is None or u is None:
-        raise UsageError("q, v, u: give all three, or a trim in the place of q")
+        raise UsageError("q, v, u: give all three, or a trim as q")
     q, places = coordinates(vehicle, q), vehicle.layout.v
     v = vector(f"v ({', '.join(places.names)})", v, places.size)
     u = vector(f"u ({', '.join(vehicle.commands)})", u, len(vehicle.commands))
@@ -194,7 +192,7 @@ def _model(
     vehicle.check_wheels()
     u = state.u if state.command is None else state.command
     if state.command is not None and (words := commands_beyond(vehicle.module, u)):
-        words = f"{vehicle.name}: u: {words}, beyond which nothing follows the command"
+        words = f"{vehicle.name}: u: {words}, where motors do not follow commands"
         warnings.warn(words, RuntimeWarning, stacklevel=3)
     times = _lag_times(vehicle, time_constants)
     lagging = tuple(np.flatnonzero(times).tolist())
@@ -253,12 +251,13 @@ def _around(
         return NO_SURROUNDINGS, {}
     if environment.idles(0.0):
         raise UsageError(
-            "surroundings: a hold idles the motors at its start, and nothing regulates"
+            "surroundings: a hold stops the motors at its start, so there is nothing to "
+            "regulate; leave it out"
         )
     if np.any(environment.restitution(0.0) >= 0.0):
         raise UsageError(
-            "surroundings: a hold with a restitution has no linear model; leave the restitution "
-            "out if the frame rests there, or else the hold"
+            "surroundings: a hold with a restitution has no linear model; leave out the "
+            "restitution if the frame rests there, else the hold"
         )
     starts = environment.push_acts(0.0), environment.carries(0.0), environment.holding(0.0)
     around, figures = environment.under(*starts)
@@ -271,8 +270,8 @@ def _warn_of_open_loops(vehicle: Vehicle, figures: Mapping[str, Array]) -> None:
     if loops := getattr(module, "LOOPS", ()):
         held = {x for x, holds in zip(module.CONSTRAINTS, active, strict=False) if holds}
         if opened := [name for name in loops if name not in held]:
-            words = f"{vehicle.name}: the model has its loops open: {listed(opened)}; give"
-            words += " surroundings with a [[hold]] of each"
+            words = f"{vehicle.name}: the model leaves these loops open: {listed(opened)}; give"
+            words += " surroundings with a [[hold]] for each"
             warnings.warn(words, RuntimeWarning, stacklevel=4)
 
 
@@ -441,7 +440,7 @@ def lqr(
         dt = dt if Q is None else float(numbers("dt", Q, "a period above zero, s", ()))
         v, u, Q, R = None, None, v, u  # noqa: N806
     if Q is None or R is None:
-        raise UsageError("Q, R: give the weights of deviations and those of inputs")
+        raise UsageError("Q, R: missing; give weights of deviations (Q) and of inputs (R)")
     state = checked_state(vehicle, q, v, u, x)
     dt = _period(dt)
     all_a, all_b, acceleration = _model(vehicle, state, time_constants, surroundings)
@@ -471,8 +470,8 @@ def lqr(
         cost = solve(a, b, states, inputs)
     except (np.linalg.LinAlgError, ValueError) as error:
         raise UsageError(
-            f"{vehicle.name}: SciPy does not solve the Riccati equation ({error}); weights nearer "
-            "to each other may help"
+            f"{vehicle.name}: SciPy does not solve the Riccati equation ({error}); try weights "
+            "of more similar size"
         ) from None
     if dt is None:
         gain = linalg.solve(inputs, b.T @ cost, assume_a="pos")
@@ -497,8 +496,8 @@ def _warn_if_unbalanced(vehicle: Vehicle, acceleration: Array) -> None:
     ]
     if changes:
         warnings.warn(
-            f"{vehicle.name}: the state is not balanced, so the regulator cannot hold it: "
-            f"velocities change, {listed(changes)}. Give a trim without acceleration",
+            f"{vehicle.name}: the state is not an equilibrium: velocities change, "
+            f"{listed(changes)}. Give a trim without acceleration",
             RuntimeWarning,
             stacklevel=3,
         )
@@ -548,14 +547,14 @@ def _check_solvable(
         raise UsageError(
             f"{vehicle.name}: cannot be stabilised here: no input changes "
             f"{listed(directions(stuck, names))}"
-            + "; hold loops, by constraints with a frequency"
+            + "; keep loops closed by constraints with a frequency"
             * bool(loops)
         )
     unseen = unreached(a.T, weights, lambda value: abs(growth(value)) <= tolerance)
     if unseen.shape[1]:
         raise UsageError(
-            f"{vehicle.name}: Q leaves free what does not decay by itself: "
-            f"{listed(directions(unseen, names))}; give it weight"
+            f"{vehicle.name}: Q gives no weight to states that do not decay by themselves: "
+            f"{listed(directions(unseen, names))}; give them weight"
         )
 
 

@@ -43,7 +43,7 @@ def reachable_wrenches(
     vehicle = vehicle_of(robot, parameters)
     if not vehicle.rotors:
         raise UsageError(
-            f"{vehicle.name} has no rotors, whose wrenches these are; add rotors to the robot file"
+            f"{vehicle.name} has no rotors, so it reaches no wrenches; add rotors to the robot file"
         )
     place = None if frame is None else vehicle.frame_place(frame, "frame")
     hovering_trim = trim(
@@ -57,8 +57,7 @@ def reachable_wrenches(
     thrusts = hovering_trim.limits[:, : vehicle.rotors]
     if not np.isfinite(thrusts).all():
         raise UsageError(
-            f"{vehicle.name}: reachable wrenches need the limits of every rotor; give limits= as "
-            "(least, most), N"
+            f"{vehicle.name}: some rotor has no limits of thrust; give limits=(least, most), N"
         )
     if place is None:
         point = vehicle.centre_of_mass(hovering_trim.q)

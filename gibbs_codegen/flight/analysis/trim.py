@@ -229,8 +229,7 @@ def _safest(inputs: Balancing, limits: Array, counts: Array) -> Array | None:
     )
     if solution.status == 3:
         raise UsageError(
-            "widest_margin: margins need limits on either side of the thrusts; give limits= as "
-            "(least, most), N"
+            "widest_margin: some thrust has no limit on one side; give limits=(least, most), N"
         )
     return inputs.least + inputs.idle @ solution.x[:-1] if solution.success else None
 
@@ -270,8 +269,8 @@ def _exceeded(vehicle: Vehicle, inputs: Balancing, limits: Array) -> str:
         if margin < -_slack(nearest)
     ]
     return (
-        f"{vehicle.name}: no trim within the limits of its inputs; of all inputs that balance it "
-        f"at this attitude, those that exceed them least: {'; '.join(beyond)}"
+        f"{vehicle.name}: no inputs within their limits balance it at this attitude; the nearest "
+        f"that do: {'; '.join(beyond)}"
     )
 
 
@@ -342,7 +341,7 @@ class Trim:
         lines = [f"{self.robot}: balanced"]
         if self.turned > EXACT:
             lines[0] += f", with its attitude turned by {np.degrees(self.turned):.4g}°"
-        lines[0] += f"; free to differ: {', '.join(self.free) or 'nothing'}"
+        lines[0] += f"; varied: {', '.join(self.free) or 'nothing'}"
         names = [*self.attitude, *self.posture, *self.input_names]
         values = [*self.attitude.values(), *self.posture.values(), *self.u]
         units = ["rad"] * len(self.attitude) + [*self.joint_units, *self.input_units]
@@ -357,7 +356,7 @@ class Trim:
                 room = f" {math.degrees(value):10.4g}°"
             lines.append((line + room).rstrip())
         if self.command is not None and self.command_margins is not None:
-            lines.append("It is kept so by the commands")
+            lines.append("The commands that keep it so")
             width = max(map(len, self.command_units), default=0)
             for value, margin, (name, unit) in zip(
                 self.command, self.command_margins, self.command_units.items(), strict=True
@@ -435,7 +434,7 @@ def trim(
         ends = real("limits", limits, wanted, (2,), (2, vehicle.rotors))
         if not np.all(ends[0] <= ends[1]):
             raise UsageError(
-                f"limits: must be {wanted}; a least thrust is above the greatest, or NaN"
+                f"limits: must be {wanted}; a least thrust is NaN or above the greatest"
             )
         actuators.thrusts[:] = ends.reshape(2, -1)
     start = _start(vehicle, q, posture=posture, posture_deg=posture_deg)
@@ -555,13 +554,13 @@ def _freedom(
             raise UsageError(f"free: {vehicle.name} {words}")
         if loops := getattr(vehicle.module, "LOOPS", ()):
             raise UsageError(
-                f"free: {name}: loops ({', '.join(loops)}) must stay closed, so trim "
-                "varies no joints; give a posture"
+                f"free: {name}: loops ({', '.join(loops)}) must stay closed, so trim cannot vary "
+                "joints; give a posture"
             )
         joint = joint_place(vehicle, name)
         low, high = actuators.joints[:, joint] - start[layout.q.joint_places[joint]]
         if not low <= 0.0 <= high:
-            raise UsageError(f"free: {name} begins beyond its limits; give a posture within them")
+            raise UsageError(f"free: {name} starts beyond its limits; give a posture within them")
         if low < high:  # Equal limits leave nothing to vary.
             places.append(layout.v.joint_places[joint])
             bounds.append((low, high))
@@ -586,9 +585,9 @@ def _require_balance(motion: SteadyMotion, q: Array, free: Sequence[str]) -> Non
         for name, value, unit in zip(DIRECTIONS, missing, ["N"] * 3 + ["N m"] * 3, strict=True)
         if abs(value) > EXACT * size
     ]
-    remedy = f"let something differ, with free=(…) of {_choices(motion.vehicle)}"
+    remedy = f"let the search vary something with free=(…), out of {_choices(motion.vehicle)}"
     if free:
-        remedy = f"nothing near what was asked for has one, with {', '.join(free)} free to differ"
+        remedy = f"varying {', '.join(free)} does not help nearby; let other quantities vary"
     raise UsageError(
         f"{motion.vehicle.name}: no trim: whatever the thrusts, they leave {', '.join(parts)} (in "
         f"the base's axes, about the base centre); {remedy}"

@@ -27,8 +27,8 @@ _WIDEST = 3000.0
 # What is counted.
 _LOST = "of the packets of ArduPilot were lost"
 _GARBAGE = "of the packets were not ArduPilot's"
-_STRANGERS = "of the packets came from elsewhere, from another program or one that had begun anew"
-_STRANGERS += ", and were left aside"
+_STRANGERS = "of the packets came from another program, or from one that had restarted"
+_STRANGERS += ", and were ignored"
 
 
 class ArduPilot:
@@ -94,8 +94,8 @@ class ArduPilot:
             if self._number is not None:
                 if number < self._number:
                     raise PeerError(
-                        "ArduPilot began anew, with packet "
-                        f"{number} after {self._number}; start this again as well"
+                        f"ArduPilot restarted (packet {number} after {self._number}); restart "
+                        "this command too"
                     )
                 self._odd[_LOST] += number - self._number - 1
             self._number = number

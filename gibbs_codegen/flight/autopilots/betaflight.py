@@ -47,7 +47,7 @@ _WIDTHS = (500.0, 2500.0)
 _PLACES = ((True, False), (False, True), (True, True), (False, False))
 _SENSES = (-1.0, -1.0, 1.0, 1.0)
 # What is counted.
-_MISSED = "of the steps were flown with the motors of the step before, which were late"
+_MISSED = "of the steps used the motor outputs of the step before, because the new ones came late"
 _GARBAGE = "of the packets were not Betaflight's"
 
 
@@ -102,9 +102,8 @@ class Betaflight:
             now = time.monotonic()
             if self._answers and now > min(end, begin + _START):
                 raise PeerError(
-                    f"Betaflight's loop does not run: motors came {self._answers} time(s), and no "
-                    "more; start it again (where the machine is busy, it may miss its first cycle, "
-                    "and waits for ever)"
+                    f"Betaflight's loop stopped after {self._answers} motor packet(s); restart "
+                    "it (on a busy computer it may miss its first cycle)"
                 )
             if now > end:
                 raise PeerError(
@@ -120,7 +119,7 @@ class Betaflight:
             self._wait()
         if self._motors is not None and self._motors.any():
             self.notes.append(
-                "Betaflight was already armed when the flight began; start it anew before each"
+                "Betaflight was already armed when the flight began; restart it before each flight"
             )
         self.send(readings)  # The first step takes the motors that answer this one.
 
@@ -199,19 +198,22 @@ def _places(machine: Machine) -> tuple[list[int], list[str]]:
             "corner of the base"
         )
     if machine.joints and machine.servos:
-        raise UsageError("--joints: Betaflight's SITL tells no servos; the scenario moves joints")
+        raise UsageError(
+            "--joints: Betaflight's SITL sends no servo outputs; leave it out, and the scenario "
+            "moves joints"
+        )
     order = [_PLACES.index(place) for place in corners]
     senses = np.sign(torques[2]) * np.take(_SENSES, order)
     notes = []
     if np.all(senses == -1.0):
         notes.append(
-            "rotors turn the other way than Betaflight's do by default: it needs the setting "
-            "yaw_motors_reversed = ON, or turns ever faster"
+            "rotors turn opposite to Betaflight's default: set yaw_motors_reversed = ON there, "
+            "or the yaw rate grows without bound"
         )
     elif not np.all(senses == 1.0):
         notes.append(
-            "Betaflight cannot turn this machine about z: rotors at the ends of a diagonal are to "
-            "turn alike, and the others against them; see `drag` in the robot file"
+            "Betaflight cannot control the yaw: rotors on one diagonal must spin one way, and "
+            "the others the other way; change the signs of `drag` in the robot file"
         )
     return order, notes
 
@@ -226,7 +228,7 @@ def widths(channels: Sequence[float], where: str) -> list[int]:
                 f"{pulse:g}"
             )
     if not 1 <= len(channels) <= 16:
-        raise UsageError(f"{where}: must be of 1 to 16 channels, not {len(channels)}")
+        raise UsageError(f"{where}: must have 1 to 16 channels, not {len(channels)}")
     return [round(pulse) for pulse in channels]
 
 
@@ -254,7 +256,7 @@ def sticks_of(text: str, source: str) -> Sticks:
         if not (math.isfinite(time) and (len(rows) == 1 or time > rows[-2][0])):
             raise UsageError(f"{where}: its time must be after that of the line before")
     if not rows:
-        raise UsageError(f"{source}: has no line; each is a time, s, and pulse widths, µs")
+        raise UsageError(f"{source}: is empty; give lines of a time, s, and pulse widths, µs")
     times, *columns = np.array(rows).T
 
     def sticks(readings: Telemetry) -> list[float]:

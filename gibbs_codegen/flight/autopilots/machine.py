@@ -108,15 +108,15 @@ class Machine:
         least, most = np.maximum(actuators.sent[:, : self.rotors], [[0.0], [-np.inf]])
         if missing := self._without(self.vehicle.commands, np.isfinite(least + most)):
             raise UsageError(
-                f"{self.vehicle.name}: {missing}: no greatest thrust is known, of which outputs of "
-                "an autopilot are shares; give limits in the robot file, or motors.limits"
+                f"{self.vehicle.name}: {missing}: the greatest thrust is not known, and "
+                "autopilots send shares of it; give limits in the robot file, or motors.limits"
             )
         travel = actuators.joints
         bounded = np.isfinite(travel).all(axis=0)
         if servos and (missing := self._without(self.vehicle.joint_names, bounded)):
             raise UsageError(
-                f"{self.vehicle.name}: {missing}: a servo needs limits of the joint, from -1 to 1; "
-                "give limits in the robot file, or arm.limits"
+                f"{self.vehicle.name}: {missing}: servo outputs from -1 to 1 span the limits of "
+                "a joint, which are missing; give limits in the robot file, or arm.limits"
             )
         sensors = scenario.sensors or Sensors()
         chosen: dict[str, Any] = {k: getattr(sensors, k)[:1] or (x,) for k, x in _USUAL.items()}

@@ -31,8 +31,8 @@ _QUIET = 0.1
 _UPDATED = 0x1BFF
 _GRAVITY = 9.80665
 # What is counted.
-_GARBAGE = "of the pieces that came were no MAVLink"
-_STRANGERS = "of those that wanted to connect were turned away"
+_GARBAGE = "of the messages were not MAVLink"
+_STRANGERS = "of the connections were refused"
 
 
 class PX4:
@@ -88,8 +88,8 @@ class PX4:
         while self._controls is None:
             if time.monotonic() > end:
                 raise PeerError(
-                    f"PX4 sent no outputs within {self._timeout:g} s; it needs a model whose "
-                    "outputs are simulated, and a parameter HIL_ACT_FUNCn or PWM_MAIN_FUNCn each"
+                    f"PX4 sent no outputs within {self._timeout:g} s; use a model with simulated "
+                    "outputs, and set HIL_ACT_FUNCn or PWM_MAIN_FUNCn for each"
                 )
             self.send(readings)
             self._take(1.0 / self._rate)
@@ -153,7 +153,7 @@ class PX4:
         try:
             self._peer.sendall(sending)
         except TimeoutError:
-            raise PeerError(f"PX4 has taken nothing for {self._timeout:g} s") from None
+            raise PeerError(f"PX4 has received nothing for {self._timeout:g} s") from None
         except OSError as error:
             raise PeerError(f"the connection to PX4 broke ({error.strerror})") from None
 

@@ -103,7 +103,7 @@ def fly(
     except GibbsCodegenError as error:  # What was flown is kept.
         session.ended, session.failed = f"at t = {machine.time:.6g} s {error}", True
     except KeyboardInterrupt:
-        session.ended = f"at t = {machine.time:.6g} s it was ended by Ctrl-C"
+        session.ended = f"Ctrl-C ended it at t = {machine.time:.6g} s"
     finally:
         link.close()
     session.pace = machine.time / max(last - begin, SAME)
@@ -132,6 +132,6 @@ def opened(kind: socket.SocketKind, host: str, port: int) -> socket.socket:
         made.close()
         advice = "give an address of this machine as --host"
         if error.errno == errno.EADDRINUSE:
-            advice = "another flight or simulator has it: end that, or give another --instance"
+            advice = "another flight or simulator uses it; end that, or give another --instance"
         raise UsageError(f"port {port} of {host}: {cause_of(error)}; {advice}") from None
     return made

@@ -48,8 +48,8 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
     lacking = [name for name, row in LAWS.items() if rolls and row.calls]
     if law in lacking:
         raise UsageError(
-            f"control.law: {law} needs functions of reference velocities, which robots on wheels "
-            f'do not have, as {vehicle.name}; set it to "tracking"'
+            f"control.law: {law} does not support wheels, which {vehicle.name} has; set it to "
+            '"tracking"'
         )
     if law == PREDICTIVE and vehicle.layout.moves_freely:
         law_of("tracking", vehicle, q, scenario)  # It plans about hover, for which rotors serve.
@@ -78,20 +78,20 @@ def law_of(law: Law, vehicle: RobotData, q: Array, scenario: str) -> Law:
     asked = asked_of(vehicle, weakest)
     missing = Allocation(vehicle.input_wrenches(weakest), asked=asked).missing
     if not vehicle.rotors and not vehicle.layout.moves_freely:
-        remedy = 'to "predictive", by which joints move what they can, or to "off"'
+        remedy = 'to "predictive", which uses the joints alone, or to "off"'
         if rolls:
             remedy = 'to "off", give more wheels an effort'
         raise AllocationError(
-            f"{vehicle.name}: nothing makes the {listed(missing)} that its base needs to be led "
-            f"through {scenario!r}; set control.law {remedy}, or give a controller of your own",
+            f"{vehicle.name}: nothing produces the {listed(missing)} that its base needs to "
+            f"follow {scenario!r}; set control.law {remedy}, or give your own controller",
             missing,
         )
     lacks = f"but the rotors cannot command {listed(missing)} {_WHERE}"
     if one_axis:
         raise AllocationError(
             f"{purpose}{LAWS[law].title}, the base must be fully actuated, {lacks}; set "
-            f"control.law to {others}, by which a base flies that pushes along one axis and "
-            "commands three moments",
+            f"control.law to {others}, for a base that pushes along one axis and commands three "
+            "moments",
             missing,
         )
     at = ";"
@@ -186,27 +186,27 @@ def check_control(law: Law | None, control: Control, vehicle: RobotData) -> None
     check_all(checks)
     if control.back != RETURN and not vehicle.layout.has_drive:
         raise UsageError(
-            f"control: return_rate and return_speed are of a base with a drive, which "
+            "control: return_rate and return_speed need a base with a drive, which "
             f"{vehicle.name} does not have; leave them out"
         )
     for name in control.joints if law is not None and not turns_servos(law) else ():
         if holds(vehicle, joint_place(vehicle, name)):
             raise UsageError(
-                f"control.joints.{name}: a servo holds the joint, by the stiffness and damping of "
-                "the robot file; leave it out"
+                f"control.joints.{name}: a servo drives the joint with the gains of the robot "
+                "file; leave it out"
             )
     if control.law == PREDICTIVE and (loops := getattr(vehicle.module, "LOOPS", ())):
         raise UsageError(
-            f"control.law: the predictive law does not know loops ({', '.join(loops)}); set "
+            f"control.law: the predictive law does not support loops ({', '.join(loops)}); set "
             'another law, such as "computed_torque"'
         )
     served = [x for k, x in enumerate(vehicle.joint_names) if has_servo(vehicle, k)]
     if control.law == PREDICTIVE and control.force and served:
         # Between a servo and a wall it loses machines.
         raise UsageError(
-            "control.force: the predictive law pushes by torques of joints; servos hold "
-            f"{', '.join(served)}: leave them out, or, if the base commands all directions, set "
-            'control.law to "force"'
+            "control.force: the predictive law pushes with joint torques, but servos drive "
+            f"{', '.join(served)}; remove these servos, or, if the base commands all directions, "
+            'set control.law to "force"'
         )
 
 
@@ -228,8 +228,8 @@ def _moved_frame(law: Law, control: Control, vehicle: Vehicle) -> MovedFrame | N
         )
     if impedance.inertia is None and np.isnan(vehicle.mass):
         raise UsageError(
-            f"control.impedance.inertia: is by default the mass of {vehicle.name}, which neither "
-            "a base that moves nor gravity tells; give it"
+            f"control.impedance.inertia: missing; the mass of {vehicle.name}, its default, is "
+            "not known without a moving base or gravity"
         )
     gains = Gains.of(control.frequency, control.damping_ratio, 3)
     return MovedFrame(place, axes, impedance, gains, force)
@@ -254,8 +254,8 @@ def _check_moved(
     k = np.argmin(shares[:, count - 1] - _NO_LEVER * shares[:, 0])
     if shares[k, count - 1] <= _NO_LEVER * shares[k, 0]:
         raise UsageError(
-            f"{vehicle.name}: at t = {reference.knots[k]:.6g} s nothing moves {frame} along "
-            f"{_in_words(ways[k, :, count - 1])}, but control.law must move it in all directions; "
+            f"{vehicle.name}: at t = {reference.knots[k]:.6g} s the robot cannot move {frame} "
+            f"along {_in_words(ways[k, :, count - 1])}, and control.law needs all directions; "
             'choose another posture (arm.posture_deg), or set control.law to "tracking"'
         )
     if moved.force is None:
@@ -263,7 +263,7 @@ def _check_moved(
     n = _push_direction(moved, moved.force, vehicle, reference(moved.force.begin)[0])
     if np.any(np.abs(n[across]) > _NO_LEVER):
         raise UsageError(
-            f"control.force.direction: in no posture {vehicle.name} moves {frame} along "
+            f"control.force.direction: {vehicle.name} can never move {frame} along "
             f"{_in_words(np.eye(3)[across][0])}; give a direction in the plane in which it moves"
         )
 
@@ -300,16 +300,15 @@ def _check_levers(
         stiff = " and ".join(map(_in_words, ways.T[shares <= least]))
         if control.impedance and control.impedance.stiffness and stiff:
             warnings.warn(
-                f"control.impedance.stiffness: {vehicle.name} leans, so that joints must yield; "
-                f"but at the beginning none moves {frame} along {stiff}, relative to the centre of "
-                "mass: there the base holds it on its path, by control.frequency",
+                f"control.impedance.stiffness: {vehicle.name} leans, so its joints must yield, "
+                f"but at the start none moves {frame} along {stiff} relative to the centre of "
+                "mass; leave it out, and control.frequency of the base holds the frame there",
                 stacklevel=2,
             )
         return
     if np.linalg.norm(_push_direction(moved, force, vehicle, q) @ levers) <= least:
         raise UsageError(
-            f"control.force.direction: {vehicle.name} leans, so that joints must push; but when "
-            f"the push begins, at {force.begin:g} s, none moves {frame} along the direction, "
-            "relative to the centre of mass; turn the direction, or the heading of the base, to "
-            "where the arm moves it, or bend the arm (arm.posture_deg)"
+            f"control.force.direction: {vehicle.name} leans, so its joints must push, but at "
+            f"{force.begin:g} s none moves {frame} along the direction relative to the centre of "
+            "mass; turn the direction or the base, or bend the arm (arm.posture_deg)"
         )

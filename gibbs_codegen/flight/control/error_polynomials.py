@@ -95,8 +95,8 @@ def check_integral(law: Controller) -> None:
         middle = 0.5 * (least + most)
         least, most = (middle, most) if _decays(law, middle) else (least, middle)
     raise UsageError(
-        f"control.integral: {law.gains.integral:g} 1/s makes errors grow; must be below "
-        f"{most:.3g} 1/s, or the frequencies of control higher"
+        f"control.integral: {law.gains.integral:g} 1/s makes errors grow; give less than "
+        f"{most:.3g} 1/s, or higher frequencies of control"
     )
 
 

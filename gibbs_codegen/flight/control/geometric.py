@@ -44,7 +44,7 @@ class LeaningController(Controller):
         if np.any(none):
             raise UsageError(
                 f"{self.vehicle.name}: at t = {time[none][0]:.6g} s the desired motion needs no "
-                f"thrust, and {LEANS_BY_THRUST}; choose another motion, or a gravity that is not 0"
+                f"thrust, and {LEANS_BY_THRUST}; choose another motion, or gravity other than 0"
             )
 
     @cached_property

@@ -32,7 +32,10 @@ class Measured(NamedTuple):
 
 
 def _unknown() -> Measured:
-    raise UsageError("observation: it was made without accelerations, wrenches and actuators")
+    raise UsageError(
+        "observation: accelerations, wrenches and actuators are missing; they must be given "
+        "when it is made"
+    )
 
 
 @dataclass(frozen=True)

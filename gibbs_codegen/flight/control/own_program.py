@@ -43,8 +43,8 @@ class ProgramController:
         self._seen, self._others = [x for x in program.names if x not in others], others
         if unknown := [name for name in self._seen if name not in _OBSERVED]:
             raise UsageError(
-                f"{program.name}: {', '.join(unknown)}: nothing that a controller observes is "
-                "called so; give values by name"
+                f"{program.name}: {', '.join(unknown)}: no observation has this name; give its "
+                "value by name"
             )
         self._computed = compile_program(program, module, single=single)
         if rate is not None:

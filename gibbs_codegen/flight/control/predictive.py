@@ -268,9 +268,8 @@ class Predictive:
         self._bounds = self._limits.sent
         if self._method == "trapezoidal" and self.growth != 1.0 and pulled:
             raise UsageError(
-                "predictive: growth must be 1 for a machine with dampers or servos, since one "
-                "armature takes their torques to the ends of steps of one length; not "
-                f"{self.growth:g}"
+                "predictive: growth must be 1 for a machine with dampers or servos, not "
+                f"{self.growth:g}; the model of their torques needs equal steps"
             )
         robot = Functions(self.module)
         lengths = self.step * self.growth ** np.arange(self.nodes)
@@ -398,10 +397,10 @@ class Predictive:
         failures = arrays["failures"] if arrays["failures"] >= 0.0 else -1.0 - arrays["failures"]
         if failures >= self.nodes:
             raise NoPlanError(
-                f"{self.vehicle.name}: at t = {time:.6g} s there has been no plan for "
-                f"{self.nodes} instants, {self.nodes * self.step:.3g} s; the machine is lost, or "
-                "cannot do what it is to do within its limits"
-                f"{'' if np.all(np.isfinite([*q, *v])) else '; its state is not finite'}"
+                f"{self.vehicle.name}: at t = {time:.6g} s no plan was found for {self.nodes} "
+                f"instants, {self.nodes * self.step:.3g} s; control is lost, or the task exceeds "
+                "the "
+                f"limits{'' if np.all(np.isfinite([*q, *v])) else '; its state is not finite'}"
             )
         following = clock.perf_counter()
         compiled.shift()
@@ -474,7 +473,7 @@ class Predictive:
         for name, words in faults:
             raise UsageError(f"predictive: {name} must be {words}")
         for name, size in (("q", len(self.module.COORDINATES)), ("u", len(self.module.INPUTS))):
-            words = f"{size} finite numbers: hover is a state at rest, as `trim` returns"
+            words = f"{size} finite numbers; hover is a state at rest, as `trim` returns"
             numbers(f"predictive: hover.{name}", getattr(self.hover, name, np.nan), words, (size,))
 
     def _check_paths(self) -> None:
@@ -506,7 +505,7 @@ class Predictive:
         around = surrounding(vehicle, self.surroundings, vehicle.smooth_place)
         around = around or Environment(vehicle)
         if around.hold:
-            raise UsageError("surroundings: no prediction knows holds; leave them out")
+            raise UsageError("surroundings: predictions do not support holds; leave them out")
         for wall in self.walls:
             for frame in wall.frames:
                 vehicle.smooth_place(frame, "predictive")
@@ -537,7 +536,9 @@ class Predictive:
                 'backend="c", where there is a C compiler'
             )
         if loops := ", ".join(getattr(self.module, "LOOPS", ())):
-            raise UsageError(f"{self.module.NAME}: predictions do not know loops ({loops})")
+            raise UsageError(
+                f"{self.module.NAME}: predictions do not support loops ({loops}); use another law"
+            )
         robot = Functions(self.module)
         has, under = [*robot.signatures], UNDER_WRENCHES if around.acts or robot.air else ()
         needed = [
@@ -575,8 +576,8 @@ class Predictive:
                 raise UsageError(f"predictive: rates must be {words}, not {self.rates}")
         if self.step > _LONG:
             warnings.warn(
-                f"predictive: a step of {self.step:g} s is long: between instants motors and "
-                f"joints may do what was not foreseen; {_LONG:g} s or less serve most machines",
+                f"predictive: a step of {self.step:g} s is long: motors and joints may deviate "
+                f"from the plan between instants; give {_LONG:g} s or less",
                 stacklevel=4,
             )
         if self.method not in (None, "trapezoidal", "rk4"):
@@ -604,7 +605,7 @@ class Predictive:
                 ),
                 (not any(x.is_uniform for _, x in inputs), "have no uniform inputs"),
                 (modules <= {robot.owner, name}, f"call functions of {name} alone"),
-                (not externals_of(cost), "call nothing that is written by hand"),
+                (not externals_of(cost), "call nothing written by hand"),
             ):
                 if not is_right:
                     raise UsageError(f"predictive: cost: {cost.name} must {words}")
@@ -1026,7 +1027,7 @@ def predictive_law(law: Controller, scenario: Scenario, actuators: Actuators) ->
 
     if control.delay > step:
         raise UsageError(
-            f"control.delay: the predictive law makes up for a period, {step:g} s, at most, not "
+            f"control.delay: the predictive law compensates at most a period, {step:g} s, not "
             f"{control.delay:g} s; set a lower control.rate"
         )
     coordinates, points, tolerances = table(q), {}, _OF_SCENARIOS
@@ -1078,9 +1079,8 @@ def _into_walls(
     """
     if not walls:
         raise UsageError(
-            "control.force: the predictive law pushes on walls that it knows, but no [[wall]] has "
-            "the frame that pushes, which is control.impedance.frame; add one, or set control.law "
-            'to "force"'
+            "control.force: the predictive law needs a [[wall]] for the frame that pushes "
+            '(control.impedance.frame); add one, or set control.law to "force"'
         )
     ways = np.zeros((len(walls), len(times)))
     for way, wall in zip(ways, walls, strict=True):

@@ -185,9 +185,9 @@ def refine(refinement: int, time: Array, deviation: Deviation, cause: str, remed
         return 2 * refinement
     spacing = (time[-1] - time[0]) / pieces / refinement
     raise UsageError(
-        f"at t = {deviation.time:.6g} s {cause}: with knots {spacing:.3g} s apart, the closest "
-        f"allowed for a flight of this length, the trajectory between them is off by "
-        f"{deviation.distance:.3g} {deviation.unit}; {remedy}"
+        f"at t = {deviation.time:.6g} s {cause}: with knots {spacing:.3g} s apart (the closest "
+        f"for a flight of this length) the trajectory is off by {deviation.distance:.3g} "
+        f"{deviation.unit}; {remedy}"
     )
 
 
@@ -199,7 +199,7 @@ def bounded_path(time: Array, path: Path, name: str) -> Array:
     with np.errstate(all="ignore"):
         values = path(time)
         beyond = ~np.all(np.abs(values) < BOUND, axis=(-1, -2))
-    check_none(time, beyond, f"the {name} or one of its derivatives grows beyond all bounds")
+    check_none(time, beyond, f"the {name} or one of its derivatives becomes infinite")
     return values
 
 

@@ -144,8 +144,8 @@ def check_still(vehicle: Vehicle, q: Array, time: Array, limits: TimingLimits) -
     instant, place = np.argwhere(margin <= 0.0)[0]
     raise UsageError(
         f"timing: at t = {time[instant]:.6g} s of the scenario {vehicle.inputs[place]} is "
-        f"{still[instant, place]:.4g} where the robot stands still, which is not within its "
-        f"limits, {least[place]:g} to {most[place]:g}: no timing is slow enough; widen the limits"
+        f"{still[instant, place]:.4g} while the robot stands still, outside its limits, "
+        f"{least[place]:g} to {most[place]:g}, so no timing helps; widen the limits"
     )
 
 

@@ -460,7 +460,7 @@ class _Continuation:
         if rates.missing:
             self.singular = self.singular or (
                 f"the arm is singular or at its limits at t = {self.time[k]:.6g} s: its joints "
-                f"({', '.join(vehicle.joint_names)}) cannot move the tip as its path wants; "
+                f"({', '.join(vehicle.joint_names)}) cannot move the tip along its path; "
                 f"{rates.missing}"
             )
         return rates
@@ -529,9 +529,9 @@ def _check_reached(
     # So near is not out of reach: the joints do not find the way there.
     if distances[worst] < _NEAR * arm_length(vehicle, q[worst]) and is_singular(vehicle, q[worst]):
         raise SingularArmError(
-            f"the arm is singular: its joints ({', '.join(vehicle.joint_names)}) do not bring the "
-            f"tip onto its path {where}; lead the path past the axes of joints and the edge of "
-            "the arm's reach, or give a guess of the joints"
+            f"the arm is singular: its joints ({', '.join(vehicle.joint_names)}) cannot bring "
+            f"the tip onto its path {where}; keep the path away from joint axes and from the "
+            "edge of the reach, or give a guess of the joints"
         )
     joints, (low, high) = q[worst, vehicle.arm], limits
     ends = np.nonzero((joints <= low + REACHED) | (joints >= high - REACHED))[0]
@@ -539,7 +539,7 @@ def _check_reached(
         names = " and ".join(vehicle.joint_names[place] for place in ends)
         where += f", with {names} at {'its limit' if len(ends) == 1 else 'their limits'}"
     raise UnreachableError(
-        f"the tip cannot reach its path {where}; lead the path within the arm's reach, or "
+        f"the tip cannot reach its path {where}; move the path within the arm's reach, or "
         f"{OTHER_SCENARIO}",
         times,
         distances[far],
@@ -548,7 +548,7 @@ def _check_reached(
 
 _TOO_FAST = (
     "the arm, or the path of its tip, moves too fast",
-    "slow it down, or lead the tip farther past the axes of joints and the edge of its reach",
+    "slow it down, or keep the path away from joint axes and from the edge of the reach",
 )
 
 
@@ -556,13 +556,12 @@ def check_tip(vehicle: RobotData) -> None:
     """Raise `UsageError` for a robot without a tip, or without joints that move it."""
     if not vehicle.has_tip:
         raise UsageError(
-            f"{vehicle.name}: has no tip, which a robot has where it has one arm without branches, "
-            f"or a frame of that name; {OTHER_SCENARIO}"
+            f"{vehicle.name}: has no tip: it needs one arm without branches, or a [[frame]] "
+            f"named tip; {OTHER_SCENARIO}"
         )
     if vehicle.joints == 0:
         raise UsageError(
-            f"{vehicle.name}: has no arm, so its tip cannot follow a path of its own; "
-            f"{OTHER_SCENARIO}"
+            f"{vehicle.name}: has no arm, so its tip cannot follow a path; {OTHER_SCENARIO}"
         )
 
 

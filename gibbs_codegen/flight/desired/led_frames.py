@@ -110,8 +110,8 @@ def led_frames(
     for name, moved in zip(paths, np.any(moves, axis=1), strict=True):
         if not moved:
             raise UsageError(
-                f"{keys[name]}: no joint of {vehicle.name} moves it, so it cannot follow a path of "
-                "its own; leave it out"
+                f"{keys[name]}: no joint of {vehicle.name} moves it, so it cannot follow a path; "
+                "leave it out"
             )
     joints = np.flatnonzero(np.any(moves, axis=0) & (half > 0.0))
     middle, half, reach = middle[joints], half[joints], reach[joints]

@@ -78,7 +78,7 @@ def _closed(vehicle: Vehicle, motion: Motion) -> Motion:
             last = _near_closed(vehicle, q[k])
         if last is None:
             raise UsageError(
-                f"{vehicle.name}: at t = {motion.time[k]:.6g} s its loops do not close with these "
+                f"{vehicle.name}: at t = {motion.time[k]:.6g} s its loops do not close at these "
                 "driven joints; change arm.posture_deg or arm.moves_deg"
             )
         q[k] = last
@@ -159,7 +159,7 @@ def check_mechanism(vehicle: Vehicle, motion: Motion, limits: JointBounds, leads
             raise UsageError(
                 f"{vehicle.name}: at t = {motion.time[k]:.6g} s its loops take {name} to "
                 f"{values[k]:.4g}{unit}, beyond its limits, {ends[0]:.4g}{unit} and "
-                f"{ends[1]:.4g}{unit}; lead driven joints elsewhere (arm.posture_deg, "
+                f"{ends[1]:.4g}{unit}; move the driven joints elsewhere (arm.posture_deg, "
                 "arm.moves_deg)"
             )
     levers = robot.loop_rows @ vehicle.function("constraint_jacobian")(motion.q)
@@ -172,9 +172,9 @@ def check_mechanism(vehicle: Vehicle, motion: Motion, limits: JointBounds, leads
     moved = np.abs(ways[k := int(np.argmax(lost)), -1])
     names = [x for x, much in zip(robot.undriven, moved, strict=True) if much > 0.1 * moved.max()]
     loops = [x for x, joints in vehicle.module.LOOPS.items() if {*joints} & {*names}]
-    words, remedy = "do not lead", "they pass a dead centre: lead driven joints elsewhere"
+    words, remedy = "do not lead", "they pass a dead centre; move the driven joints elsewhere"
     if free.all():
-        words, remedy = "leave a freedom to", "let a drive or other loops lead these"
+        words, remedy = "do not determine", "give them a drive or another loop"
     raise UsageError(
         f"{vehicle.name}: at t = {motion.time[k]:.6g} s loops {', '.join(loops)} {words} "
         f"{', '.join(names)}; {remedy}"

@@ -266,8 +266,8 @@ class Clock:
         self.duration = float(exact.x[-1])
         if self.duration > MAX_DURATION:
             raise UsageError(
-                f"timing: within its limits the motion takes {self.duration:.4g} s, longer than "
-                f"a flight may be, {MAX_DURATION:g} s; widen the limits"
+                f"timing: within its limits the motion takes {self.duration:.4g} s, and a flight "
+                f"at most {MAX_DURATION:g} s; widen the limits"
             )
         pieces = max(int(np.ceil(self.duration / spacing)), 1)
         self.step = self.duration / pieces
@@ -385,8 +385,8 @@ def time_optimal_motion(
         else:
             return clock
     raise UsageError(
-        "timing: no motion along the paths keeps the limits of thrust and torque together with "
-        "the thrust rate; widen one of them, or give a gentler motion"
+        "timing: no motion along the paths keeps the limits of thrust, torque and thrust rate "
+        "together; widen one of them, or give a gentler motion"
     )
 
 

@@ -87,10 +87,7 @@ def check_base(vehicle: Vehicle, scenario: Scenario) -> None:
     motion = base_motion(vehicle, time, centre, turning)
     q = motion.q
     keys = ("base.path" if scenario.base else "", "base.attitude")
-    advice = (
-        f"; leave it out of the scenario {scenario.name!r}, or take 'hold', which keeps any base "
-        "where it is"
-    )
+    advice = f"; leave it out of the scenario {scenario.name!r}, or fly the scenario hold"
     _check_place(vehicle, (time, q), centre[:, 0], turning.rotation, keys, advice)
     if vehicle.layout.has_drive:
         moved = vehicle.frame_velocities(q, motion.v)[:, vehicle.frames.index("base"), :3]
@@ -98,9 +95,9 @@ def check_base(vehicle: Vehicle, scenario: Scenario) -> None:
         if slip[k := int(np.argmax(slip))] > _OFF:
             raise UsageError(
                 f"base.attitude: at t = {time[k]:.6g} s the base of {vehicle.name} would slip "
-                f"sideways at {slip[k]:.4g} m/s on its path, but it rolls ahead only; set "
-                'base.attitude to { kind = "tangent" }, or heading_deg to where a straight path '
-                "leads"
+                f"sideways at {slip[k]:.4g} m/s on its path, but it only rolls ahead; set "
+                'base.attitude to { kind = "tangent" }, or heading_deg to the direction of a '
+                "straight path"
             )
 
 
@@ -129,8 +126,8 @@ def _check_place(
         k, axis = np.unravel_index(np.argmax(np.abs(off)), off.shape)
         if key and abs(off[k, axis]) > _OFF:
             raise UsageError(
-                f"{key}: at t = {time[k]:.6g} s it leads {off[k, axis]:.4g} {unit} {'xyz'[axis]} "
-                f"away from where the base of {vehicle.name} can be, which {words}{advice}"
+                f"{key}: at t = {time[k]:.6g} s its {'xyz'[axis]} is {off[k, axis]:.4g} {unit} "
+                f"off what the base of {vehicle.name} can reach, which {words}{advice}"
             )
 
 
@@ -155,8 +152,8 @@ def _with_posture(
     for name in undriven:
         if name in task.moves:
             raise UsageError(
-                f"arm.moves.{name}: this joint of {vehicle.name} has no drive, and loops "
-                "move it; give moves of driven joints"
+                f"arm.moves.{name}: loops move this joint of {vehicle.name}, which has no drive; "
+                "give moves of driven joints"
             )
         if task.posture is not None and name not in task.posture:
             place = vehicle.joint_names.index(name)
@@ -175,7 +172,7 @@ def _with_posture(
         asked = {name: posture[vehicle.joint_names.index(name)] for name in task.posture or ()}
         off = [x for x, y in asked.items() if abs(there[vehicle.joint_names.index(x)] - y) > _ASIDE]
         if off:
-            words = "%s: arm.posture: closed loops put joints without a drive elsewhere: %s"
+            words = "%s: arm.posture: closed loops determine joints without a drive: %s"
             _log.warning(words, vehicle.name, ", ".join(off))
     if thrust_axis(vehicle, joints_at(time[:1]).q) is not None:
         led = led_frames(vehicle, {}, limits)
@@ -203,7 +200,7 @@ def _with_frames(
     task, time = scenario.arm, knots(scenario.duration)
     if Functions(vehicle.module).leads_loops:
         raise UsageError(
-            f"arm: a path cannot lead frames of {vehicle.name}, since its loops have joints "
+            f"arm: frames of {vehicle.name} cannot follow paths, because its loops have joints "
             "without a drive; give moves of joints (arm.moves_deg)"
         )
     guess = None
@@ -224,8 +221,8 @@ def _with_frames(
         )
     if task.tip is None or task.frames:
         raise UsageError(
-            f"{vehicle.name}: arm.frames: only a base that leans leads frames other than the tip "
-            "along paths; leave them out"
+            f"{vehicle.name}: arm.frames: only robots whose base leans move frames other than "
+            "the tip along paths; leave them out"
         )
 
     def base_at(knots: Array) -> Motion:
@@ -306,7 +303,7 @@ def check_arm(vehicle: RobotData, scenario: Scenario) -> Actuators:
         check_tip(vehicle)
     if isinstance(task.tip, Carried) and vehicle.layout.moves_freely:
         raise UsageError(
-            f"arm.tip_in_base: {vehicle.name} flies, and turns as its rotors need; give "
+            f"arm.tip_in_base: {vehicle.name} flies, and its rotors determine how it turns; give "
             "arm.tip_beside_base, in world axes"
         )
     for name in task.frames:
@@ -381,7 +378,7 @@ _RATIO, _MOST, _HALVINGS = 1.5, 12, 6
 
 # How far a base may be from where it is to be, m or rad, by rounding.
 _OFF = 1e-9
-_NOTHING = "nothing moves, so that there is nothing to time"
+_NOTHING = "nothing moves, so there is nothing to time"
 
 
 @dataclass(frozen=True)
@@ -494,8 +491,8 @@ def _stretched_motion(
     return TimedMotion(
         slow_motion(scenario, factor),
         reference,
-        f"{reference.end:.4g} s instead of {scenario.duration:.4g} s: all of the motion is "
-        f"stretched by one factor, {factor:.3g}, since the attitude of {vehicle.name} follows from "
-        f"the timing{bound}",
+        f"{reference.end:.4g} s instead of {scenario.duration:.4g} s: the whole motion is "
+        f"stretched by {factor:.3g}, because the attitude of {vehicle.name} depends on the "
+        f"timing{bound}",
         demands.binding(vehicle, demand, limits),
     )

@@ -252,8 +252,8 @@ def nearest_motion(
     worst = grid.time[np.argmax(np.abs(missing[:, :2]).max(axis=-1))]
     # Before a flight begins its path rests: what fails there is how it sets out.
     raise UsageError(
-        f"at t = {max(worst, 0.0):.6g} s no tilt is found with which the base follows its path, "
-        "since its rotors push along one axis only; choose a gentler motion"
+        f"at t = {max(worst, 0.0):.6g} s no tilt lets the base follow its path, because its "
+        "rotors push along one axis; choose a gentler motion"
     )
 
 
@@ -489,19 +489,19 @@ class UnderactuatedBase:
         size = np.linalg.norm(needed, axis=-1)
         if self.gravity == 0.0:
             raise UsageError(
-                f"{self.vehicle.name}: at t = 0 s nothing holds the robot without "
-                f"gravity, and {LEANS_BY_THRUST}; give parameters.gravity another value than 0"
+                f"{self.vehicle.name}: at t = 0 s there is no gravity, and {LEANS_BY_THRUST}; "
+                "set parameters.gravity to a value other than 0"
             )
         against = np.sum(needed * self.upright[0], axis=-1) < _OPPOSITE * size
         check_none(
             time,
             against & (needed[:, 2] * self.gravity < 0.0),
-            "the path of the base falls faster than freely, for which thrust has to push down",
+            "the path of the base falls faster than free fall, which needs a downward thrust",
         )
         check_none(
             time,
             size < _LEAST_THRUST * abs(self.gravity),
-            "the path of the base is next to free fall, in which no thrust turns the base",
+            "the path of the base is close to free fall, where no thrust turns the base",
         )
         axis: Array = needed / size[:, np.newaxis]
         if np.any(against):
@@ -571,7 +571,7 @@ def _axes(vehicle: Vehicle, joints: Motion) -> Array:
         return axis
     fails = np.array([thrust_axis(vehicle, q[np.newaxis]) is None for q in joints.q])
     raise UsageError(
-        f"at t = {joints.time[fails][0]:.6g} s the joints bring the rotors to where they do not "
+        f"at t = {joints.time[fails][0]:.6g} s the joints hold the rotors so that they cannot "
         "command a force along one axis and three moments; choose another posture or other moves"
     )
 
@@ -608,12 +608,12 @@ def _check_near(base: UnderactuatedBase, unknowns: Array) -> None:
     """Raise `UsageError` where the base is too far from its path, or frames are from theirs."""
     shift, led, remedy = unknowns[:, 3:6], base.led, "choose a gentler motion"
     off, most = np.linalg.norm(shift, axis=-1), _FARTHEST
-    fault = "the base cannot follow its path: the nearest motion that its thrust allows is {} m off"
+    fault = "the base cannot follow its path: the nearest possible motion is {} m off"
     if names := list(led.paths):
-        remedy = "lead the paths of base and arm nearer to each other, or choose a gentler motion"
+        remedy = "bring the paths of base and arm closer together, or choose a gentler motion"
         reach = base.targets[:, 0] - (base.centre[:, 0] + shift)[:, np.newaxis]
         most = max(most, _LEANING * float(np.linalg.norm(reach, axis=-1).max()))
-        fault = f"the base would be {{}} m off its path for {', '.join(names)} to be on theirs"
+        fault = f"the base would be {{}} m off its path to keep {', '.join(names)} on theirs"
         missed = np.linalg.norm(base.misses(unknowns)[0].reshape(len(off), -1, 3), axis=-1)
         if missed.max() > _MISSED:
             name = names[int(np.argmax(missed.max(axis=0)))]

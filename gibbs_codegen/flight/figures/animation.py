@@ -171,8 +171,8 @@ def _writer(path: Path, fps: int) -> AbstractMovieWriter:
         raise UsageError(f"{printable(path)}: an animation is a .gif or .mp4 file")
     if not FFMpegWriter.isAvailable():
         raise OutputError(
-            f"{printable(path)}: .mp4 needs ffmpeg, which is not on the path; "
-            ".gif needs nothing more"
+            f"{printable(path)}: .mp4 needs ffmpeg, which is not on the PATH; install it, or "
+            "write a .gif"
         )
     return FFMpegWriter(fps=fps)
 

@@ -144,15 +144,17 @@ def check_results(folder: str | os.PathLike[str], animation: str = "") -> None:
     if animation and animation not in ANIMATIONS:
         raise UsageError(f"animation {animation!r}: unknown; known: {', '.join(ANIMATIONS)}")
     if animation == "mp4" and shutil.which("ffmpeg") is None:
-        raise OutputError(".mp4 needs ffmpeg, which is not on the path; .gif needs nothing more")
+        raise OutputError(
+            ".mp4 needs ffmpeg, which is not on the PATH; install it, or write a .gif"
+        )
     place = Path(folder)
     present = [place / name for name in sorted(_NAMES) if os.path.lexists(place / name)]
     odd = [path for path in present if path.is_symlink() or not path.is_file()]
     if odd or (present and not is_flight(place / "flight.npz")):
         names = ", ".join(path.name for path in (odd or present)[:5])
         raise UsageError(
-            f"{printable(place)}: holds files that no simulation has written: {names}; "
-            "move them elsewhere, or choose another --out"
+            f"{printable(place)}: holds files that no simulation wrote: {names}; move them, or "
+            "choose another --out"
         )
     with _staged(place):
         pass

@@ -53,7 +53,7 @@ def distributions(study: Study) -> Figure:
             axes.set_xlabel(measure, parse_math=False)
             axes.set_ylabel("flights")
             if not flights:
-                _say(axes, "no flight went on to its end")
+                _say(axes, "no flight reached its end")
                 continue
             if np.isclose(least, greatest, _SAME, 0.0):
                 _say(axes, f"{least:.3g} in every flight")

@@ -143,7 +143,7 @@ class BlockIntegration:
             if is_compiled(self.loop, loads) and not np.any(loads.stops):
                 return steps_of(self.loop, bounds, loads, count, Blocks.widest(single=self.single))
         except (CompilerError, CacheError) as error:
-            _log.warning("flights are taken one by one: %s", error)
+            _log.warning("flights are computed one by one: %s", error)
         return None
 
     def _envelope(self, loop: ClosedLoop, start: Instant | None = None) -> Envelope:

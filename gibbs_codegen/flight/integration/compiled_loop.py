@@ -167,7 +167,7 @@ class CompiledLoops:
                     made = CompiledLoop(self.closed, self.bounds, loads, self.method)
                     self._made[key] = made
                 except (CompilerError, CacheError) as error:
-                    _log.warning("steps are taken in Python instead of C: %s", error)
+                    _log.warning("steps run in Python instead of C: %s", error)
         compiled = self._made[key]
         if compiled is not None and loads.inputs is not None:
             compiled.flow.hold(loads.inputs)

@@ -155,8 +155,8 @@ class Envelope:
         off = f"{excess * self.bounds[place]:.3g} {unit}"
         if is_rate:
             return (
-                f"the rate of {name} is {off}/s off, which would carry it more than {divergence} "
-                "away even under perfect control"
+                f"the rate of {name} is {off}/s off, which moves it more than {divergence} away "
+                "even under perfect control"
             )
         return f"{name} is {off} off, more than {divergence}"
 
@@ -201,8 +201,8 @@ def too_weak(loop: ClosedLoop) -> str:
     if not vehicle.rotors or most >= weight:
         return ""
     return (
-        f"all thrusts together reach {most:.4g} N, less than the weight of {weight:.4g} N: "
-        "widen the limits (motors.limits, or those of the rotors in the robot file)"
+        f"all thrusts together reach {most:.4g} N, less than the weight, {weight:.4g} N; widen "
+        "the limits (motors.limits, or the rotors' limits in the robot file)"
     )
 
 

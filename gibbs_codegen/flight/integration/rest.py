@@ -29,7 +29,7 @@ _WITHIN = 1e-12
 _NONE, _TRIES = 1e-6, 40
 # How accelerations may grow with displacements, 1/s², by errors of differences.
 _TOPPLES = 0.1
-_REMEDY = "move it to where it stands (the base's path, start.offset), or turn it (start.turn_deg)"
+_REMEDY = "move its start (the base's path, start.offset), or turn it (start.turn_deg)"
 
 
 def resting(loop: ClosedLoop, q: Array, charge: float = 1.0) -> tuple[Array, Array]:
@@ -40,11 +40,13 @@ def resting(loop: ClosedLoop, q: Array, charge: float = 1.0) -> tuple[Array, Arr
     loop = replace(loop, bristles=None)
     environment = loop.environment
     if environment is None or not environment.wall:
-        raise UsageError("start.settled: there is no [[wall]] on which the robot could rest")
+        raise UsageError(
+            "start.settled: there is no [[wall]] to rest on; add one, or leave settled out"
+        )
     if np.any(loop.loads(0.0).holds):
         raise UsageError(
-            "start.settled: a constraint holds the robot from the begin on, so that walls need not "
-            "carry it; let it take hold later, or leave settled out"
+            "start.settled: a constraint already holds the robot at the start; let it begin "
+            "later, or leave settled out"
         )
     stiffness = sum(wall.stiffness * len(wall.frames) for wall in environment.wall)
     weight = loop.vehicle.weight
@@ -151,8 +153,8 @@ def _lowered(loop: ClosedLoop, q: Array) -> Array:
     enough = np.flatnonzero(carried(lifts) >= 0.0)
     if not len(enough):
         raise UsageError(
-            f"start.settled: within {_REACH:g} m above and below where {vehicle.name} begins no "
-            f"wall carries its weight; {_REMEDY}"
+            f"start.settled: no wall within {_REACH:g} m above or below the start carries the "
+            f"weight of {vehicle.name}; {_REMEDY}"
         )
     low = lifts[enough[0]]
     high = low + 2.0 * _REACH / (_PARTS - 1)

@@ -23,7 +23,7 @@ float64[] normalized
 """
 # With what a message begins that ROS 2 has compressed by itself.
 _COMPRESSED = b"\x28\xb5\x2f\xfd"
-_NO_BAG = "or is no log of ROS (.mcap, .db3, .bag or a folder of these) or PX4 (.ulg or tables)"
+_NO_BAG = "or is not a log of ROS (.mcap, .db3, .bag or a folder of these) or PX4 (.ulg or tables)"
 
 
 class BagChannel(NamedTuple):
@@ -72,14 +72,12 @@ def read_messages(
                     except Exception:  # Bits that were flipped, or a type that is not read.
                         damaged[channel.topic] += 1
         except Exception as error:  # Files can be broken in many ways.
-            why = f"it is damaged, or was cut short while it was recorded, {remedy}"
+            why = f"it is damaged or incomplete; {remedy}"
             if isinstance(error, OSError) and error.filename:
                 why = cause_of(error)
             if not any(messages.values()):
-                raise UsageError(
-                    f"{printable(file)}: is not a log that can be read: {why}"
-                ) from None
-            _log.warning("%s: is read as far as it goes: %s", printable(file.name), why)
+                raise UsageError(f"{printable(file)}: cannot be read as a log: {why}") from None
+            _log.warning("%s: only the undamaged part is read: %s", printable(file.name), why)
     for topic, count in damaged.items():
         _log.warning(
             "%s: %d messages of %s are left out: damaged, or not %s as ROS defines it",
@@ -152,9 +150,9 @@ def _rosbag(file: Path, topics: Collection[str]) -> Records:
 
 # By the ends of files' names what reads them, and what mends one that was cut short.
 _SOURCES: dict[str, tuple[Callable[[Path, Collection[str]], Records], str]] = {
-    ".mcap": (_mcap, "which `mcap recover` mends"),
-    ".db3": (_sqlite, "which `sqlite3 FILE .recover` and then `ros2 bag reindex` mend"),
-    ".bag": (_rosbag, "which `rosbag reindex` mends"),
+    ".mcap": (_mcap, "repair it with `mcap recover`"),
+    ".db3": (_sqlite, "repair it with `sqlite3 FILE .recover` and then `ros2 bag reindex`"),
+    ".bag": (_rosbag, "repair it with `rosbag reindex`"),
 }
 
 

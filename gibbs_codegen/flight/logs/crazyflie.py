@@ -29,8 +29,7 @@ def read_crazyflie(path: Path, vehicle: Vehicle, names: Mapping[str, str | float
     """Contents of a log for a robot whose rotors are in the order of m1 to m4."""
     if renamed := [name for name, alias in names.items() if isinstance(alias, str)]:
         raise UsageError(
-            f"names: {renamed[0]}: logs of a Crazyflie are read by the names of its firmware; "
-            "leave it out"
+            f"names: {renamed[0]}: logs of a Crazyflie have the names of its firmware; leave it out"
         )
     time, columns = _decoded(path.read_bytes())
 

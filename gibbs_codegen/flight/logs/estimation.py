@@ -33,8 +33,8 @@ def estimated(
     inputs = [] if led else [("u", name) for name in vehicle.inputs]
     if unknown := [name for _, name in inputs if ("u", name) not in series]:
         raise UsageError(
-            f"control.filter.by: the log has no series of {', '.join(unknown)}, by which the model "
-            'moves the state ahead; name them, or let an IMU lead: by = "imu"'
+            f"control.filter.by: the log has no {', '.join(unknown)}, which the model needs for "
+            'its prediction; name them, or predict with an IMU: by = "imu"'
         )
     come: dict[float, list[tuple[str, float, Array]]] = {float(x): [] for x in time}
     for name in inputs:
@@ -45,8 +45,8 @@ def estimated(
         source = {"imu": ("imu", getattr(device, "frame", "")), "encoders": kind}.get(kind, "place")
         if source in read:
             raise UsageError(
-                f"sensors.{kind}: {device.name} reads the same of the log as {read[source]} does, "
-                "which would count twice; leave one of them out"
+                f"sensors.{kind}: {device.name} and {read[source]} read the same data of the "
+                "log; leave one of them out"
             )
         read[source] = device.name
         for taken, values in zip(*readings, strict=True):

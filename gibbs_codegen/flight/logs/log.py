@@ -108,10 +108,10 @@ def recorded_of(vehicle: Vehicle, log: StrPath, names: Mapping[str, str | float]
         raise UsageError(f"names: {printable(unknown[0])}: {words}")
     for name, alias in names.items():
         if not isinstance(alias, str):
-            called = "the name that the log has for it"
+            called = "its name in the log"
             if name not in vehicle.joint_names:
                 raise UsageError(f"names: {name}: must be {called}, not {written(alias)}")
-            numbers(f"names: {name}", alias, f"{called}, or the number at which it stands", ())
+            numbers(f"names: {name}", alias, f"{called}, or a number, where it stands", ())
     require_log(path)
     try:
         with np.errstate(all="ignore"):  # Impossible numbers are left out later.
@@ -120,10 +120,10 @@ def recorded_of(vehicle: Vehicle, log: StrPath, names: Mapping[str, str | float]
     except UsageError:
         raise
     except Exception as error:  # Files can be broken in many ways.
-        why = "it is damaged, or no such log"
+        why = "it is damaged, or another kind of file"
         if isinstance(error, OSError) and error.filename:
             why = cause_of(error)
-        raise UsageError(f"{printable(path)}: is not a log that can be read: {why}") from None
+        raise UsageError(f"{printable(path)}: cannot be read as a log: {why}") from None
     driven = recorded.inputs.keys() | recorded.commands.keys()
     if absent := [
         n for n in (*vehicle.inputs, *vehicle.commands) if n in names and n not in driven
@@ -142,8 +142,8 @@ def recorded_of(vehicle: Vehicle, log: StrPath, names: Mapping[str, str | float]
         if name not in recorded.joints:
             there = ", ".join(recorded.offered) or "none"
             raise UsageError(
-                f"{printable(path)}: has no positions of the joint {name}; name what it is called "
-                f"there, or the number at which it stands. There are: {there}"
+                f"{printable(path)}: has no positions of the joint {name}; give its name in the "
+                f"log, or a number, where it stands. The log has: {there}"
             )
     return recorded
 
@@ -152,6 +152,6 @@ def require_log(log: StrPath) -> None:
     """Raise `UsageError` for a path at which nothing is, or a flight."""
     path = Path(log)
     if not path.exists():
-        raise UsageError(f"{printable(path)}: is not there; give a log")
+        raise UsageError(f"{printable(path)}: does not exist; give a log")
     if path.suffix == ".npz" or (path / "flight.npz").exists():
-        raise UsageError(f"{printable(path)}: is a flight already, which read_flight reads")
+        raise UsageError(f"{printable(path)}: is a flight already; read it with read_flight")

@@ -157,9 +157,7 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
     if (outputs := _topic(topics, "actuator_outputs")) and not (sent or named):
         pulses = [_numbers(x) for name, x in outputs.items() if name.startswith("output[")]
         still = ", which never change: nothing flew" * all(bool(np.all(x == x[0])) for x in pulses)
-        words = (
-            "%s: has no actuator_motors, which PX4 logs from 1.13 on, but pulses of its outputs%s"
-        )
+        words = "%s: has no actuator_motors (PX4 logs them since 1.13), but pulses of the outputs%s"
         _log.warning(words, printable(path.name), still)
     joints = list(enumerate(vehicle.joint_names))
     inputs = [(name, k - vehicle.rotors) for k, name in enumerate(vehicle.inputs)]
@@ -195,7 +193,9 @@ def _logged(path: Path) -> dict[str, Callable[[], Fields]]:
     with path.open("rb") as file, redirect_stdout(StringIO()):
         log = ULog(file)
     if log.file_corruption:
-        _log.warning("%s: is damaged, or was cut short; what can be is read", printable(path.name))
+        _log.warning(
+            "%s: is damaged or incomplete; only the undamaged part is read", printable(path.name)
+        )
     return {data.name: partial(dict, data.data) for data in log.data_list if data.multi_id == 0}
 
 

@@ -107,7 +107,7 @@ def flight_of_log(
     sensors a filter makes what, if one is to.
     """
     if recorded.position is None or recorded.attitude is None:
-        raise UsageError(f"{source}: does not tell where the base is, as a flight does")
+        raise UsageError(f"{source}: does not contain the pose of the base, which a flight needs")
     logged: dict[Any, Samples | None] = {
         "position": recorded.position,
         "attitude": recorded.attitude._replace(values=known_attitudes(recorded.attitude.values)),
@@ -140,8 +140,8 @@ def flight_of_log(
     if not (fastest <= _GREATEST["v"] and sharpest <= _GREATEST_ACCELERATION):
         raise UsageError(
             f"{source}: by its samples the robot moves at {fastest:.3g} m/s or rad/s and "
-            f"{sharpest:.3g} m/s² or rad/s², as nothing flies; some samples or their times are "
-            "wrong: take these out, name other topics, or give a lower rate"
+            f"{sharpest:.3g} m/s² or rad/s², which is impossible; some samples or times are "
+            "wrong: remove them, name other topics, or give a lower rate"
         )
     unknown = np.full(len(seconds), np.nan)
     u = np.stack([arrays.get(("u", name), unknown) for name in vehicle.inputs], axis=1)
@@ -189,8 +189,8 @@ def _time_base(
     for name, samples in series.items():
         if len(samples.time) < _LEAST:
             raise UsageError(
-                f"{source}: of {title(name)} it has {len(samples.time)} samples that are numbers; "
-                f"a flight needs {_LEAST}"
+                f"{source}: {title(name)} has {len(samples.time)} numeric samples; a flight "
+                f"needs {_LEAST}"
             )
     begin = int(max(samples.time[0] for samples in series.values()))
     end = int(min(samples.time[-1] for samples in series.values()))
@@ -208,7 +208,7 @@ def _time_base(
         if np.max(gaps) > _LONG_GAP * np.median(gaps):
             late = samples.time[np.argmax(gaps)]
             _log.warning(
-                "%s: %s is not known for %.3g s after %.4g s; a spline goes across",
+                "%s: %s is not known for %.3g s after %.4g s; a spline fills the gap",
                 *(source, title(name), np.max(gaps) * 1e-9, (late - begin) * 1e-9),
             )
     step = 1.0 / rate if rate else float(np.median(np.diff(most))) * 1e-9
@@ -250,7 +250,7 @@ def cleaned(series: Mapping[Any, Samples], source: str) -> dict[Any, Samples]:
         values = np.abs(samples.values.reshape(len(samples.time), -1))
         right = (values <= _GREATEST[name if isinstance(name, str) else name[0]]).all(axis=1)
         sound[name] = kept(
-            name, samples, right, "are no numbers or attitudes, or beyond what flies"
+            name, samples, right, "are not numbers or attitudes, or are impossibly large"
         )
     runs = {name: _runs(samples.time) for name, samples in sound.items()}
     if odd := [name for name, parts in runs.items() if len(parts) > 1]:
@@ -260,20 +260,20 @@ def cleaned(series: Mapping[Any, Samples], source: str) -> dict[Any, Samples]:
         if other := [name for name, run in runs.items() if len(run) != count]:
             parts = len(runs[other[0]])
             raise UsageError(
-                f"{source}: its clock goes back, or leaps ahead by more than an hour, which cuts "
-                f"{title(first)} into {count} parts and {title(other[0])} into {parts}, so that it "
-                "is unknown which belong together; cut the log there, and read its parts"
+                f"{source}: its clock jumps back, or ahead by more than an hour, and cuts "
+                f"{title(first)} into {count} parts but {title(other[0])} into {parts}; cut the "
+                "log there, and read its parts"
             )
         sound = {name: samples.rows(runs[name][number]) for name, samples in sound.items()}
         _log.warning(
-            "%s: the clock of %s goes back, or leaps ahead by more than an hour; of the %d parts "
-            "between, only the longest is read, number %d, with %d samples of %s",
+            "%s: the clock of %s jumps back, or ahead by more than an hour; of the %d parts "
+            "between jumps only the longest is read, number %d, with %d samples of %s",
             *(source, ", ".join(map(title, odd)), count, number + 1, lengths[number], title(first)),
         )
     for name, samples in sound.items():
         latest = np.maximum.accumulate(samples.time)
         later = np.append(True, samples.time[1:] > latest[:-1])[: len(latest)]
-        sound[name] = kept(name, samples, later, "are not later than one before")
+        sound[name] = kept(name, samples, later, "are not later than an earlier one")
     if left_out:
         words = (
             f"{count} of {whole} samples of {', '.join(names)}, which {why}"

@@ -165,9 +165,9 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
     poses = messages[topics["odometry"]]
     if not poses and vehicle.layout.q.base:
         raise UsageError(
-            f"{printable(path)}: has no message of {printable(topics['odometry'])} that can be "
-            "read and says where the base is; name a topic of one of the types "
-            f"{', '.join(_POSES)} (--name odometry=TOPIC); there are {there}"
+            f"{printable(path)}: has no message of {printable(topics['odometry'])} with the pose "
+            f"of the base; name a topic of one of the types {', '.join(_POSES)} (--name "
+            f"odometry=TOPIC); there are {there}"
         )
     states, efforts = (_by_name(messages[topics[role]]) for role in ("joints", "inputs"))
     time, placed = _times(poses), [_pose(message) for _, message in poses]
@@ -219,7 +219,9 @@ def _felt(messages: Sequence[tuple[int, Any]], vehicle: Vehicle) -> dict[str, Sa
     unknown = {message.header.frame_id for _, message in messages} - {*vehicle.frames, BASE, ""}
     if unknown:
         words = printable(", ".join(sorted(unknown)), 200)
-        _log.warning("imu: %s: no frame of the robot; read as the base's, in its axes", words)
+        _log.warning(
+            "imu: the robot has no frame %s; the readings are taken as those of the base", words
+        )
     return {
         frame: Samples(
             _times(listed),

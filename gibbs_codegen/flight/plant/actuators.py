@@ -151,7 +151,7 @@ def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
             place = joint_place(vehicle, name)
             if key == "effort" and has_servo(vehicle, place):
                 raise UsageError(
-                    f"arm.effort.{name}: a servo pushes the joint, within the torque of the robot "
+                    f"arm.effort.{name}: a servo drives the joint within the torque of the robot "
                     "file; leave it out, or vary the parameters of the servo"
                 )
             values[place] = most
@@ -173,10 +173,13 @@ def _check_limits(vehicle: RobotData, limits: tuple[float, float] | None, thrust
     if vehicle.is_driven and beyond:
         what = f"from {low:.4g} to {high:.4g} N; give limits within these"
         if low > high:
-            what = f"none: one makes {low:.4g} N or more, one {high:.4g} N or less; leave it out"
+            what = (
+                f"none, since one makes at least {low:.4g} N and one at most {high:.4g} N; leave "
+                "it out"
+            )
         raise UsageError(
-            f"motors.limits: thrusts that every rotor of {vehicle.name} can make are {what}, or "
-            "change the rotors in its robot file"
+            f"motors.limits: the rotors of {vehicle.name} can all make thrusts {what}, or change "
+            "the rotors in its robot file"
         )
 
 
@@ -184,8 +187,8 @@ def check_lag(module: ModuleType, key: str) -> None:
     """Raise `UsageError` for a lag of thrusts, by its key, beside that of the robot file."""
     if getattr(module, "COMMANDS", ()):
         raise UsageError(
-            f"{key}: the robot file of {module.NAME} says how motors and servos follow commands; "
-            "leave it out: their time constants are parameters of the module"
+            f"{key}: the robot file of {module.NAME} has motors and servos with time constants, "
+            "which are parameters of the module; leave it out"
         )
 
 
@@ -232,7 +235,7 @@ def joint_place(vehicle: RobotData, name: str, table: str = "") -> int:
         where = f"{table}.{name}: {vehicle.name}" if table else f"{vehicle.name}:"
         hint = near(name, vehicle.joint_names) or ";"
         if f"joint_{name}" in vehicle.points:
-            hint = ": that link moves by a gear or a joint of another name;"
+            hint = ": that link moves by a gear, or its joint has another name;"
         raise UsageError(f"{where} has no joint {printable(name, 60)}{hint} its joints: {joints}")
     return vehicle.joint_names.index(name)
 

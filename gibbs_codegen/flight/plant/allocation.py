@@ -31,7 +31,7 @@ _ITERATIONS = 100
 # A basis of all wrenches.
 _ANY = np.eye(6)
 # Why a base that leans cannot fly without thrust.
-LEANS_BY_THRUST = "without thrust nothing tells how the base must lean"
+LEANS_BY_THRUST = "the direction of the thrust determines how the base leans"
 
 
 class AllocationError(UsageError):

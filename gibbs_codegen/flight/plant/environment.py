@@ -74,7 +74,7 @@ def open_loops(module: Any, holds: Sequence[Hold], end: float) -> str:
     """Which loops of a mechanism no hold closes from 0 to `end`, s, and a remedy; "" if all do."""
     closed = {x.constraint for x in holds if x.begin == 0.0 and x.end >= end}
     loops = ", ".join(name for name in getattr(module, "LOOPS", ()) if name not in closed)
-    words = f"its loops open: {loops}; give the scenario a [[hold]] of each, from begin to end"
+    words = f"its loops open: {loops}; give the scenario a [[hold]] for each, from beginning to end"
     return words if loops else ""
 
 
@@ -93,7 +93,9 @@ def surrounding(
         raise UsageError(f"surroundings: {error}") from None
     for name in ("parameters", "plant"):
         if getattr(scene, name):
-            raise UsageError(f"surroundings: {name}: leave it out; numbers of the robot are given")
+            raise UsageError(
+                f"surroundings: {name}: numbers of the robot are not surroundings; leave it out"
+            )
     check_surroundings(vehicle, scene, place)
     return Environment.of(vehicle, scene, module_actuators(vehicle).spins)
 
@@ -131,14 +133,14 @@ def _check_hold(vehicle: RobotData, scenario: Scenario, where: str, hold: Hold) 
         words = f"{vehicle.name} has no {printable(hold.constraint)}{hint} {names}"
         raise UsageError(f"{where}: constraint: {words}")
     if hold.restitution is not None and not _side(vehicle, hold.constraint):
-        words = "is for a plane or a distance, which stop a frame from one side; leave it out"
+        words = "applies to a plane or a distance, which stop a frame from one side; leave it out"
         raise UsageError(f"{where}: restitution: {words}, as {hold.constraint} holds from all")
     for number, load in enumerate(scenario.payloads, start=1):
         if (first := max(load.begin, hold.begin)) < min(load.end, hold.end):
             raise UsageError(
                 f"{where}: at t = {first:g} s {hold.constraint} holds, and payload {number} is "
-                "there too, which no flight can have together: end one before the other "
-                "begins, or leave the payload out and add its mass to a link's in [plant]"
+                "there too, and a flight cannot have both; end one before the other begins, or "
+                "add the mass of the payload to a link in [plant]"
             )
 
 
@@ -196,7 +198,7 @@ class Environment:
         """The same with further walls. Raises `UsageError` for one that it has."""
         if any(wall in self.wall for wall in walls):
             raise UsageError(
-                "walls: act besides those of `surroundings`; leave those out that it has"
+                "walls: `surroundings` has this wall already; leave it out in one of them"
             )
         return replace(self, wall=(*walls, *self.wall))
 

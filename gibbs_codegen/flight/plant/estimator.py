@@ -101,7 +101,7 @@ class Estimator:
     ) -> None:
         self._suite = suite = SensorSuite(robot, sensors, parameters)
         if not suite.devices:
-            raise UsageError("sensors: there are none; a filter needs some, such as sensors.imu")
+            raise UsageError("sensors: missing; a filter needs some, such as sensors.imu")
         self._vehicle = vehicle = suite.vehicle
         vehicle.check_wheels()
         self._settings = chosen = settings or Filter()
@@ -344,8 +344,8 @@ class Estimator:
         numbers = real(f"readings: {name}", values, f"{size} numbers", (size,))
         if not oldest - SAME <= taken <= now + SAME and np.isfinite(numbers).all():
             raise UsageError(
-                f"readings: {name}: measured at {taken:g} s, but readings must now be from "
-                f"{oldest:g} s to {now:g} s; if they come later, give the sensor a longer delay"
+                f"readings: {name}: measured at {taken:g} s, but now only {oldest:g} s to "
+                f"{now:g} s are accepted; if readings come later, give the sensor a longer delay"
             )
         return name, min(taken, now), numbers
 
@@ -426,7 +426,7 @@ class Estimator:
     def _last(self) -> _Instant:
         """The last time, and what is known there."""
         if not self._instants:
-            raise UsageError("the filter knows no state yet; call begin(q, v) first")
+            raise UsageError("the filter has no state yet; call begin(q, v) first")
         return self._instants[-1]
 
     @property

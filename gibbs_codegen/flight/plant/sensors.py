@@ -177,7 +177,7 @@ class SensorSuite:
         """
         if not self.devices:
             raise UsageError(
-                "sensors: there are none; declare some, such as [[sensors.imu]] in the scenario"
+                "sensors: missing; declare some, such as [[sensors.imu]] in the scenario"
             )
         pairs = zip(self.devices, self.places_of_frames, strict=True)
         devices = [SensorAt(device.measures, frame, device.figures) for device, frame in pairs]

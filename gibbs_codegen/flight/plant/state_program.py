@@ -60,7 +60,7 @@ def state_program(
         try:
             compiled = CompiledProgram(vehicle.module, program, constants, tables or [])
         except (CompilerError, CacheError) as error:
-            _log.warning("program %s is computed in Python, not in C: %s", program.name, error)
+            _log.warning("program %s runs in Python instead of C: %s", program.name, error)
     compiled = compiled or EvaluatedProgram(vehicle, program, constants, externals or {})
     for name, value in values.items():
         if name in compiled.inputs:

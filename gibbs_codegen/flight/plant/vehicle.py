@@ -123,8 +123,8 @@ class RobotData:
         """
         if not hasattr(self.module, constant):
             raise UsageError(
-                f"{self.name}: has no {constant}, since an earlier version made it; generate it "
-                "again, with this version"
+                f"{self.name}: has no {constant}, because an earlier version made it; generate "
+                "it again with this version"
             )
         return getattr(self.module, constant)
 
@@ -317,8 +317,8 @@ class Vehicle(RobotData):
         carrier = self.carriers[len(self.points) - len(self.frames) + place] if place else 0
         if self.points[carrier] in self.wheel_points:
             raise UsageError(
-                f"{key}: {frame} of {self.name} turns with a wheel, by whose angle nothing has "
-                "derivatives; give a frame that is on no wheel"
+                f"{key}: {frame} of {self.name} turns with a wheel, and there are no derivatives "
+                "by angles of wheels; give a frame on another body"
             )
         return place
 
@@ -329,8 +329,9 @@ class Vehicle(RobotData):
         v, u = (np.ones((2, size)) for size in (self.layout.v.size, len(self.inputs)))
         if self.layout.q.wheels and np.ptp(self.forward_dynamics(turned, v, u), axis=0).any():
             raise UsageError(
-                f"{self.name}: a spring or a rotor turns with a wheel, by whose angle nothing has "
-                "derivatives; in the robot file put it on the base or a link"
+                f"{self.name}: a spring or a rotor turns with a wheel, and there are no "
+                "derivatives by angles of wheels; move it to the base or a link in the robot "
+                "file"
             )
 
     def rolled(self, time: Array, q: Array, v: Array, a: Array) -> Array:
@@ -394,15 +395,15 @@ def _check(module: ModuleType) -> None:
     if (backend := getattr(module, "backend", "numpy")) not in BACKENDS:
         backends = " or ".join(f'"{name}"' for name in BACKENDS)
         raise UsageError(
-            f"{module.NAME}: its back end is {backend}, but this works on NumPy's arrays; load "
-            f"the module with backend={backends}"
+            f"{module.NAME}: this needs NumPy arrays, and the back end is {backend}; load the "
+            f"module with backend={backends}"
         )
     # A robot with several arms has no tip.
     always = (r.name for r in FUNCTIONS.values() if not r.needs and not r.on_request)
     wanted = (*DATA, *always)
     if missing := [name for name in wanted if not hasattr(module, name)]:
         raise UsageError(
-            f"{module.NAME}: has no {', '.join(missing)}: generate it again, with this version"
+            f"{module.NAME}: has no {', '.join(missing)}; generate it again with this version"
         )
 
 

@@ -25,7 +25,7 @@ _NUMBERS |= {"weight": float, "gravity": float}
 _OF_NO_TIME = NO_SERIES | {"parents", "thrust_directions", "wall_forces", "commands", "actuators"}
 _OF_NO_TIME |= {"hold_errors", "hold_forces", "sensors", "battery", *NO_ESTIMATES}
 _OF_NO_TIME |= {f"contact_{quantity}" for quantity in ("forces", "friction", "slip", "depth")}
-_WANTED = "give the flight.npz that `gibbs-codegen simulate` wrote, or what write_npz wrote"
+_WANTED = "give a flight.npz that `gibbs-codegen simulate` or write_npz wrote"
 
 
 def _lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
@@ -89,9 +89,7 @@ def read_flight(path: StrPath) -> Flight:
         why = error
     except Exception:  # Archives can be broken in many ways.
         why = "it is damaged, or its arrays are not those of a flight"
-    raise UsageError(
-        f"{printable(path)}: is not a flight that was saved: {printable(why)}; {_WANTED}"
-    )
+    raise UsageError(f"{printable(path)}: is not a saved flight: {printable(why)}; {_WANTED}")
 
 
 def _stored(file: BinaryIO) -> Flight:
@@ -116,9 +114,9 @@ def _stored(file: BinaryIO) -> Flight:
         elif is_text:
             values[name] = tuple(map(str, value)) if value.ndim else str(value)
         elif name not in _OF_NO_TIME and value.shape[:1] != values["time"].shape:
-            raise UsageError(f"{name} has not as many rows as there are times")
+            raise UsageError(f"{name} must have as many rows as there are times")
     if not (np.diff(values["time"]) >= 0.0).all():
-        raise UsageError("its time goes back, or is not a number; cut the flight there")
+        raise UsageError("its time decreases, or is not a number; cut the flight there")
     return Flight(**values)
 
 

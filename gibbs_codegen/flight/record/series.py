@@ -307,8 +307,8 @@ class Flight:
         charge = dict(zip(self.actuator_names, self.actuators.T, strict=True)).get("charge")
         empty = () if charge is None else np.flatnonzero(charge <= 0.0)
         drained = tuple(
-            f"The battery is empty at t = {self.time[k]:.4g} s; the flight goes on with what it "
-            "gives then, which no battery does."
+            f"The battery is empty at t = {self.time[k]:.4g} s; the flight continues with the "
+            "voltage of an empty battery."
             for k in empty[:1]
         )
         return inside + self.hard_impacts + drained + self._chatter + self._turned + self._astray
@@ -328,8 +328,8 @@ class Flight:
         if not share > _CHATTERS:
             return ()
         return (
-            f"Commands of motors chatter: in {share:.0%} of the samples one jumps by more than "
-            f"half of the greatest, {names[int(shares.argmax())]} most often; try lower gains "
+            f"Motor commands chatter: in {share:.0%} of the samples one jumps by more than half "
+            f"of the greatest ({names[int(shares.argmax())]} most often); try lower gains "
             "(control.attitude_frequency, control.frequency), wider limits, less noise of "
             "sensors, or motors.compensation = false.",
         )
@@ -348,9 +348,9 @@ class Flight:
         off = np.fmax.reduce(np.abs(self.errors[:, places]), axis=0)
         return tuple(
             f"{self.coordinates[joints][k]} leaves its posture by {off[k]:.3g} "
-            f"{self.coordinate_units[joints][k]} while the machine pushes, more than a quarter of "
-            f"its range of {span[k]:.3g}; bend the arm more (arm.posture_deg), put the base nearer "
-            "to what it pushes, push with less force, or hold the joint (control.joints)."
+            f"{self.coordinate_units[joints][k]} while the machine pushes (more than a quarter "
+            f"of its range of {span[k]:.3g}); bend the arm more (arm.posture_deg), move the base "
+            "nearer, push with less force, or hold the joint (control.joints)."
             for k in np.flatnonzero(off > _TURNED * span)
         )
 
@@ -371,11 +371,11 @@ class Flight:
         far, overturned = max(begin, _ASTRAY) < end < np.inf, off > _OVERTURNED
         limited = at_limits(self.commanded[-1], self.input_limits)
         limited &= np.ptp(self.input_limits, axis=0) > 0.0  # Else there is no choice between them.
-        lost = "; control may be lost, and a smaller integration.divergence ends such a flight"
+        lost = "; control may be lost (a smaller integration.divergence ends such a flight)"
         limits = f", with inputs at their limits{lost * (not overturned)}" * bool(limited.any())
         notes = (
-            f"The base ends {end:.3g} m from where it was to be{limits}.",
-            f"The base ends overturned, its z axis {off:.3g}° from where it was to point{lost}.",
+            f"The base ends {end:.3g} m from its desired position{limits}.",
+            f"The base ends overturned, its z axis {off:.3g}° off its desired direction{lost}.",
         )
         return tuple(itertools.compress(notes, (far, overturned)))
 

@@ -69,7 +69,7 @@ class Actions:
         idle = (joints, action in ("inputs", "tip")), (control, action == "inputs")
         for name, (value, means_nothing) in zip(("joints", "control"), idle, strict=True):
             if value is not None and means_nothing:
-                raise UsageError(f'{name}: nothing with action="{action}"; leave it out')
+                raise UsageError(f'{name}: has no effect with action="{action}"; leave it out')
         if action == "inputs":
             made = cls(vehicle.commands, limits.copy())
         else:
@@ -77,7 +77,8 @@ class Actions:
         for name, value in ranges.items():
             if name not in made.names:
                 raise UsageError(
-                    f"ranges: {printable(name)}: no entry of an action: {', '.join(made.names)}"
+                    f"ranges: {printable(name)}: not an entry of the action "
+                    f"({', '.join(made.names)})"
                 )
             try:
                 low, high = value if np.ndim(value) else (-value, value)
@@ -90,7 +91,7 @@ class Actions:
                     f"{printable(value)}"
                 )
         if action == "inputs" and (made.ranges != np.clip(made.ranges, *limits)).any():
-            raise UsageError('ranges: with action="inputs" within limits, which motors hold to')
+            raise UsageError('ranges: with action="inputs" must be within the limits of the motors')
         return made
 
 
@@ -101,15 +102,15 @@ def _with_loop(
     places = vehicle.layout.v
     if action in ("rates", "attitude") and not vehicle.rotors:
         raise UsageError(
-            f'action: "{action}" is of robots with rotors, and {vehicle.name} has none; choose '
+            f'action: "{action}" needs rotors, which {vehicle.name} does not have; choose '
             '"velocity" or "inputs"'
         )
     if action == "tip" and not vehicle.has_tip:
         raise UsageError(f'action: {vehicle.name} has no tip; choose another, such as "inputs"')
     if vehicle.wrenches_vary:
         raise UsageError(
-            f"action: joints move the rotors of {vehicle.name}, or its base moves so that thrusts "
-            'do not act alike everywhere; inner loops are not for such: choose "inputs"'
+            f"action: the rotors of {vehicle.name} do not act alike everywhere, because of its "
+            'joints or base, so there is no inner loop; choose "inputs"'
         )
     q = hover[np.newaxis]
     law_of("tracking", vehicle, q, f'action="{action}"')

@@ -100,7 +100,7 @@ class RolloutArguments:
         """Coordinates (1 or n, nq), with quaternions of length 1, and velocities (1 or n, nv)."""
         for name, value in (("q0", q0), ("v0", v0)):
             if value is None:
-                raise UsageError(f"{name}: must be given; only scenarios say where states begin")
+                raise UsageError(f"{name}: missing; only scenarios have a start of their own")
         q = self.states("q0", q0, self.layout.q.size)
         return self.normalised("q0", q), self.states("v0", v0, self.layout.v.size)
 
@@ -132,7 +132,9 @@ class RolloutArguments:
         rows = self.states(name, inputs, self.inputs)
         del self._counts[name]  # How many states there are is known by now.
         if len(rows) not in (1, self.count()):
-            raise UsageError(f"{name}: has {len(rows)} rows; the number of states: {self.count()}")
+            raise UsageError(
+                f"{name}: has {len(rows)} rows for {self.count()} states; give one for each state"
+            )
         return rows[:, np.newaxis]
 
     def parameters(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
@@ -163,7 +165,9 @@ class RolloutArguments:
         if self.is_driven:
             return self._of_commands(limits, {"time_constants": time_constants, "thrusts": thrusts})
         if thrusts is not None and time_constants is None:
-            raise UsageError("thrusts: without time_constants, thrusts are those commanded")
+            raise UsageError(
+                "thrusts: without time_constants thrusts equal the commands; leave it out"
+            )
         if limits is None and time_constants is None:
             return None
         unlimited = (-math.inf, math.inf)
@@ -185,8 +189,8 @@ class RolloutArguments:
         names = self._states_of_actuators
         if x0 is not None and not names:
             raise UsageError(
-                f"x0: actuators of {self.module.NAME} have no states, since its robot file gives "
-                "no time constants beside commands, no delays and no battery; leave it out"
+                f"x0: the actuators of {self.module.NAME} have no states (its robot file has no "
+                "time constants, delays or battery); leave it out"
             )
         charges = self.xp.zeros(len(names)) if x0 is None else x0
         return self.states("x0", charges, len(names)) if names else None

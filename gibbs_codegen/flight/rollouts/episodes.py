@@ -56,7 +56,9 @@ class EpisodeDistributions:
             if getattr(value, "relative", False):
                 self.factors[name] = usual[name]
                 if not usual[name]:
-                    raise UsageError(f"{what}: {name}: factors of 0 are 0; give values")
+                    raise UsageError(
+                        f"{what}: {name}: the value is 0, and so are all its multiples; give values"
+                    )
 
     def __call__(self, shares: Array) -> dict[str, Array]:
         """Values (m) by name, of shares (m, number of drawn values) between 0 and 1.
@@ -68,7 +70,9 @@ class EpisodeDistributions:
             one = value.ppf(columns[name]) if name in columns else np.full(len(shares), value)
             values[name] = self.factors[name] * np.asarray(one, dtype=np.float64)
             if not np.all(np.isfinite(values[name])):
-                raise UsageError(f"{self.what}: {name}: its distribution gives no finite number")
+                raise UsageError(
+                    f"{self.what}: {name}: its distribution gives a number that is not finite"
+                )
             if np.any(values[name] < (least := self.least.get(name, -math.inf))):
                 raise UsageError(f"{self.what}: {name}: must be {least:g} or more")
         return values

@@ -181,7 +181,7 @@ def rollout(
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     count, backend = whole("steps", steps), getattr(module, "backend", None)
     if backend not in (backends := (*BACKENDS, "jax")):
-        raise UsageError(f"robot: rollouts are of modules with the back ends {', '.join(backends)}")
+        raise UsageError(f"robot: rollouts need a module with back end {', '.join(backends)}")
     if backend == "jax":
         from gibbs_codegen.flight.rollouts import jax_rollout
 
@@ -190,7 +190,7 @@ def rollout(
         arguments = RolloutArguments(module, count)
     check_settings(arguments.steps, every, dt, method, precision)
     if precision == "single" and backend == "jax":
-        raise UsageError("precision: with JAX it is what JAX is set to; leave it out")
+        raise UsageError("precision: JAX has its own setting; leave it out")
     workers = (os.cpu_count() or 1) if threads is None else whole("threads", threads)
     tell = functools.partial(progress, "rolling out")
     if isinstance(control, Scenario | str | os.PathLike | Mapping):
@@ -198,9 +198,8 @@ def rollout(
         others = any(option is not None for option in others_given)
         if others or walls or constraints or method != "rk4":
             raise UsageError(
-                "control: a scenario is rolled out by rk4, with limits, wrenches and bounds of its "
-                "own: leave out method, wrenches, limits, thrusts, x0, bounds, walls, constraints, "
-                "surroundings, wind, payloads"
+                "control: a scenario has its own method, wrenches, limits, thrusts, x0, bounds, "
+                "walls, constraints, surroundings, wind and payloads; leave these out"
             )
         varied = parameters or {}, time_constants
         return scenario_rollout(
@@ -214,8 +213,8 @@ def rollout(
     (q, v), constants = arguments.start(q0, v0), arguments.constants(parameters or {})
     if constraints and backend == "jax" and q.dtype != np.float64:
         raise UsageError(
-            "constraints: with JAX, double precision must tell which are redundant; set "
-            "jax_enable_x64, or load the module with the back end c"
+            "constraints: with JAX they need double precision; set jax_enable_x64, or load the "
+            "module with the back end c"
         )
     inputs, feedback = arguments.control(control)
     states = arguments.xp.repeat(q, arguments.count() // len(q), 0), parameters or {}
@@ -340,7 +339,9 @@ def _compiles(
         program = rollouts.program_of(module, method, parts)
         rollouts.rollout_function(module, precision, (program,))
     except (CompilerError, CacheError) as error:
-        _log.warning("%s: NumPy rolls out instead of C: %s", module.NAME, printable(error, 400))
+        _log.warning(
+            "%s: rollouts run in NumPy instead of C: %s", module.NAME, printable(error, 400)
+        )
         return False
     return True
 

@@ -93,8 +93,8 @@ def _scenario_start(
     scene = read_scenario(scenario)
     if scene.is_sampled:
         raise UsageError(
-            "control: a rollout is under laws that act at all times, without control.rate and "
-            'sensors, and not "predictive"; simulate_many flies such scenarios'
+            'control: rollouts do not support control.rate, sensors or the law "predictive"; '
+            "use simulate_many"
         )
     settings: Settings = replace(scene.integration, method="rk4", step=dt, rate=1.0 / (dt * every))
     scene = replace(scene, integration=settings)

@@ -112,8 +112,8 @@ def rollout_surroundings(
     surroundings = surrounding(vehicle, scenario)
     if surroundings is not None and surroundings.hold:
         raise UsageError(
-            "surroundings: holds begin and end at times; leave them out, and name the constraints "
-            "that hold in `constraints`"
+            "surroundings: rollouts do not support holds; leave them out, and name constraints "
+            "in `constraints`"
         )
     environment = (surroundings or Environment(vehicle)).with_walls(walls)
     _check_steps(environment, q, parameters, dt, method)
@@ -125,16 +125,16 @@ def rollout_surroundings(
     )
     wind, masses = figures
     if environment.wind is None and wind is not None:
-        raise UsageError("wind: the surroundings have none; give them [wind]")
+        raise UsageError("wind: the surroundings have no [wind]; add it there")
     if environment.wind is not None:
         steady = environment.figures["wind"] if wind is None else wind
         wind = arguments.states("wind", steady, 3)
     if masses is not None and not frames:
-        raise UsageError("payloads: the surroundings have none; give them [[payload]]")
+        raise UsageError("payloads: the surroundings have no [[payload]]; add it there")
     if frames and "gravity" in parameters and 2 not in vehicle.layout.own_axes[0]:
         raise UsageError(
-            f"{vehicle.name}: its base does not rise, so that payloads weigh by the gravity of the "
-            "robot file: leave gravity out of parameters, or the payloads"
+            f"{vehicle.name}: the base does not rise, so payloads use the gravity of the robot "
+            "file; leave out parameters.gravity or the payloads"
         )
     if frames:
         usual = [payload.mass for payload in environment.payload]

@@ -84,7 +84,7 @@ class TorchEnv(VectorEnv):
         **settings: Any,
     ) -> None:
         if unknown := sorted({*settings} - ({*signature(VectorEnv).parameters} - _OTHERS)):
-            raise UsageError(f"TorchEnv has no {', '.join(unknown)}; leave out what it has not")
+            raise UsageError(f"TorchEnv has no {', '.join(unknown)}; leave it out")
         module = robot if isinstance(robot, ModuleType) else load(robot, "c")
         self._measures = observe, reward, lost
         self._x: Any = None
@@ -165,7 +165,9 @@ class TorchEnv(VectorEnv):
     @property
     def now(self) -> Any:
         """There is none, nor are there `rewards` of it: raises `UsageError`."""
-        raise UsageError("TorchEnv has x, of which step tells rewards, in place of now and rewards")
+        raise UsageError(
+            "TorchEnv has no now and rewards; its state is x, and step returns rewards"
+        )
 
     rewards = now
 

@@ -249,7 +249,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             _LEAST,
         )
         if vehicle.layout.has_drive and each and {"vx", "wz"} <= {*each, *wanted}:
-            words = "targets that go ahead and are turned would slip sideways, as it cannot"
+            words = "a turned target that moves ahead would slip sideways, which it cannot"
             raise UsageError(f"swings: {vehicle.name}: {words}; leave vx or wz out of them")
         sensed = self._episodes.values["sensors"]
         self._sensors = Sensors(vehicle, sensed, self.num_envs, steps * dt) if sensed else None
@@ -279,8 +279,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         if normalised and unlimited.any():
             names, inner = ", ".join(np.array(self.actions)[unlimited]), self._actions.loop
             raise UsageError(
-                f"limits: {names}: without limits, so that actions between -1 and 1 mean nothing; "
-                f"give {'ranges by name' if inner else 'limits=(least, most)'}, or normalised=False"
+                f"limits: {names}: no limits, so actions from -1 to 1 cannot be scaled; give "
+                f"{'ranges by name' if inner else 'limits=(least, most)'}, or normalised=False"
             )
         ends = np.ones_like(ranges) * [[-1.0], [1.0]] if normalised else ranges
         observed = np.shape(self._observe(self._moment()))
@@ -342,9 +342,11 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         if options and "reset_mask" in options:
             rows = np.asarray(options["reset_mask"])
             if rows.shape != (self.num_envs,) or rows.dtype != np.bool_ or not rows.any():
-                raise UsageError(f"reset_mask: {self.num_envs} flags, of which some are True")
+                raise UsageError(
+                    f"reset_mask: must be {self.num_envs} flags, at least one of them True"
+                )
         if not (self._generators or rows.all()):
-            raise UsageError("reset_mask: the first reset must begin episodes everywhere")
+            raise UsageError("reset_mask: the first reset must begin all episodes; leave it out")
         self._seed(seed, rows)
         self._begin(rows)
         [observations] = self._handed(self._observed(self._moment()))
@@ -505,8 +507,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         room = module_actuators(vehicle).joints - self._hover[vehicle.arm]
         if beyond := [*itertools.compress(vehicle.joint_names, (room * [[1], [-1]] > 0).any(0))]:
             raise UsageError(
-                f"hover: {', '.join(beyond)}: beyond COORDINATE_LIMITS, within which the targets "
-                "of a task are; give another hover, or targets and swings"
+                f"hover: {', '.join(beyond)}: outside COORDINATE_LIMITS, which the targets of a "
+                "task keep; give another hover, or targets and swings"
             )
         ends = np.tile([[-size], [size]], layout.displaced.size)
         ends[:, layout.displaced.joints] = np.clip(room, -size, size)

@@ -35,7 +35,7 @@ _Name = Annotated[
     ),
 ]
 _ZERO = (0.0, 0.0, 0.0)
-_NAME, _RATE = "name of the sensor, which no other has", "readings a second, Hz"
+_NAME, _RATE = "unique name of the sensor", "readings a second, Hz"
 
 
 def _vector(
@@ -59,7 +59,7 @@ class Device(Table):
 
     name: _Name = entry(_NAME, "sensor")
     rate: _Rate = entry(_RATE, 100.0)
-    delay: Delay = entry("how much later a reading comes than it was measured, s", 0.0)
+    delay: Delay = entry("delay between measurement and reading, s", 0.0)
 
     def channels(self, layout: Layout) -> tuple[Channel, ...]:
         """The channels of a reading, on a robot with a layout of coordinates."""
@@ -75,7 +75,7 @@ class Device(Table):
 class DeviceAtFrame(Device):
     """A sensor that is at the origin of a frame."""
 
-    frame: str = entry(f"the frame at which it is: {FRAME}", "base")
+    frame: str = entry(f"frame of the sensor: {FRAME}", "base")
 
 
 @table
@@ -89,11 +89,15 @@ class Imu(DeviceAtFrame):
     accelerometer_noise: NotNegative = entry("density of its noise, m/s²/√Hz", 0.0)
     accelerometer_walk: NotNegative = entry("density at which its bias walks, m/s³/√Hz", 0.0)
     accelerometer_bias: Vector = entry("its bias at the start, [x, y, z] in m/s²", _ZERO)
-    accelerometer_range: _Span = entry("greatest reading of an axis, m/s²; default: any", math.inf)
+    accelerometer_range: _Span = entry(
+        "greatest reading of an axis, m/s²; default: no limit", math.inf
+    )
     gyroscope_noise: NotNegative = entry("density of its noise, rad/s/√Hz", 0.0)
     gyroscope_walk: NotNegative = entry("density at which its bias walks, rad/s²/√Hz", 0.0)
     gyroscope_bias: Vector = entry("its bias at the start, [x, y, z] in rad/s", _ZERO)
-    gyroscope_range: _Span = entry("greatest reading about an axis, rad/s; default: any", math.inf)
+    gyroscope_range: _Span = entry(
+        "greatest reading about an axis, rad/s; default: no limit", math.inf
+    )
 
     def channels(self, layout: Layout) -> tuple[Channel, ...]:
         """Specific force and angular velocity."""
@@ -148,17 +152,17 @@ class Magnetometer(DeviceAtFrame):
         Number,
         Bounds(-180.0, 180.0, "°"),
         IN_DEGREES,
-        key("how far the field points east of north, degrees", "declination_deg"),
+        key("declination of the field east of north, degrees", "declination_deg"),
     ] = 0.0
     inclination: Annotated[
         Number,
         Bounds(-90.0, 90.0, "°"),
         IN_DEGREES,
-        key("how far it points down, degrees; default 60", "inclination_deg"),
+        key("inclination of the field below horizontal, degrees; default 60", "inclination_deg"),
     ] = math.radians(60.0)
     strength: Positive = entry("strength of the field, T", 5e-5)
     noise: NotNegative = entry("standard deviation along an axis, T", 0.0)
-    bias: Vector = entry("what magnets on the robot add, [x, y, z] in T, axes of the frame", _ZERO)
+    bias: Vector = entry("field of magnets on the robot, [x, y, z] in T, axes of the frame", _ZERO)
 
     def channels(self, layout: Layout) -> tuple[Channel, ...]:
         """The field."""
@@ -240,9 +244,9 @@ class WrenchSensor(DeviceAtFrame):
     name: _Name = entry(_NAME, "wrench")
     rate: _Rate = entry(_RATE, 250.0)
     force_noise: NotNegative = entry("standard deviation along an axis, N", 0.0)
-    force_range: _Span = entry("greatest force along an axis, N; default: any", math.inf)
+    force_range: _Span = entry("greatest force along an axis, N; default: no limit", math.inf)
     torque_noise: NotNegative = entry("standard deviation about an axis, N m", 0.0)
-    torque_range: _Span = entry("greatest torque about an axis, N m; default: any", math.inf)
+    torque_range: _Span = entry("greatest torque about an axis, N m; default: no limit", math.inf)
 
     def channels(self, layout: Layout) -> tuple[Channel, ...]:
         """Force and torque."""

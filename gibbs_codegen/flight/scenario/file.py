@@ -100,7 +100,7 @@ def parse_scenario(
 
 def _one_after_the_other(moves: list[parts.Move]) -> list[parts.Move]:
     if not moves:
-        raise fault("has no moves; give one, or leave the joint out")
+        raise fault("empty list of moves; give one, or leave the joint out")
     if faults := list(order_faults(moves)):
         raise refusal(faults)
     return moves
@@ -228,7 +228,8 @@ class BaseTable(Table):
         "desired path of the base centre in the world; default: it stays where coordinates are 0"
     )
     attitude: AnyAttitude = optional(
-        "desired attitude, of a base that does not move freely from its pose on; default: level",
+        "desired attitude, relative to its pose for a base that does not move freely; default: "
+        "level",
         Level(),
     )
 
@@ -250,19 +251,19 @@ class ScenarioTable(Table):
     title: ClassVar[str] = "Scenario file of gibbs_codegen"
 
     name: Annotated[str, _line_of_text(1), key("name of the flight, on one line")]
-    description: Annotated[str, _line_of_text(0)] = optional("what it is, on one line", "")
+    description: Annotated[str, _line_of_text(0)] = optional("description, on one line", "")
     duration: Annotated[
         Number, Bounds(_MIN_DURATION, parts.MAX_DURATION, " s"), key("the time to fly, in s")
     ]
     base: BaseTable = optional("the base's desired path and attitude, [base]", BaseTable())
-    arm: ArmTable = optional("what the arm does; default: it hangs at rest", ArmTable())
+    arm: ArmTable = optional("motion of the arm; default: it hangs at rest", ArmTable())
     start: parts.StartOffset = optional(
         "deviation from the desired motion at the start", parts.StartOffset()
     )
     control: parts.Control = optional("the control law", parts.Control())
     motors: parts.Motors = optional("limits and lag of motors", parts.Motors())
     sensors: parts.Sensors | None = optional(
-        "noise and delay of what a sampled law observes; default: the state as it is"
+        "noise and delay of the observations of a sampled law; default: the exact state"
     )
     push: parts.Push | None = optional("a force and a torque at a frame; default: none")
     tip_force: parts.TipForce | None = optional(
@@ -284,12 +285,12 @@ class ScenarioTable(Table):
         "parameters of the module that are changed, SI units", dict
     )
     plant: dict[str, Number] = optional(
-        "parameters of the robot that flies where they differ from those of [parameters], "
-        "which the controller knows, SI units",
+        "parameters of the real robot that differ from [parameters], which the controller "
+        "knows, SI units",
         dict,
     )
 
-    elsewhere: ClassVar[str] = "; a parameter of the robot is a key of parameters, or of plant"
+    elsewhere: ClassVar[str] = "; parameters of the robot are keys of parameters, or of plant"
     mistaken: ClassVar[tuple[str, frozenset[str]]] = (
         "a robot file",
         frozenset({"gravity", "link", "rotor", "frame"}),
@@ -302,15 +303,15 @@ class ScenarioTable(Table):
         if isinstance(push, dict) and not push.keys() & {"force", "torque"}:
             yield ("push", "force"), "missing: give a force, a torque, or both"
         if "push" in values and "tip_force" in values:
-            yield "tip_force", "must be left out, since push says what pushes the robot"
+            yield "tip_force", "must be left out, because push already pushes the robot"
 
     def _faults(self) -> Iterator[tuple[Place, str]]:
         """Faults of what begins after the end, and of more samples or steps than may be."""
         duration, settings = self.duration, self.integration
         for tip in ("tip_beside_base", "tip_in_base"):
             if getattr(self.arm, tip) and not self.base.path:
-                words = "give base.path, or the path in the world, arm.tip"
-                yield ("arm", tip), f"is from the path of the base: {words}"
+                words = "give base.path, or a path in the world, arm.tip"
+                yield ("arm", tip), f"is relative to the path of the base; {words}"
         yield from parts.estimation_faults(self.control, self.sensors)
         beginning: list[tuple[Place, Sequence[parts.Move | parts.Hold]]] = [(("hold",), self.hold)]
         for name in ("moves", "moves_deg"):

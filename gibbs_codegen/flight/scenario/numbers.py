@@ -37,7 +37,7 @@ def _joint_name(name: str) -> str:
     if re.fullmatch(_JOINT_NAME, name):
         return name
     raise table.fault(
-        "must be the name of a joint: of its coordinate, such as theta_7", table.IN_NAME
+        "must be the name of a joint, that of its coordinate, such as theta_7", table.IN_NAME
     )
 
 
@@ -51,7 +51,7 @@ def _names(value: object) -> str | tuple[str, ...]:
         if not isinstance(name, str):
             raise table.fault(f"must be a list of names, not of {table.kind_of(name)}")
     if not value or len(set(value)) < len(value):
-        raise table.fault("must have at least one name, and none twice")
+        raise table.fault("must have at least one name, each once")
     return tuple(value)
 
 

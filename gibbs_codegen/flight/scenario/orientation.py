@@ -118,8 +118,8 @@ class Tangent(Table):
         upright = np.linalg.norm(along[0][..., :2], axis=-1) < _UPRIGHT
         if np.any(upright):
             raise UsageError(
-                f"the path of the base is vertical at t = {time[upright][0]:.6g} s, where no "
-                "attitude along it is nearest to level; bend it, or choose a level attitude"
+                f"the path of the base is vertical at t = {time[upright][0]:.6g} s, so the "
+                "attitude along it is not unique; bend it, or choose a level attitude"
             )
         # The part of the vertical at right angles to the tangent.
         heights = along[0][..., 2:], along[1][..., 2:], along[2][..., 2:]
@@ -157,23 +157,19 @@ def _tangents(path: Path, time: Array) -> Derivatives:
                 sides.append(side)
         fault = f"the path of the base stands still at t = {ends[0]:.6g} s, where it "
         if not sides:
-            raise UsageError(
-                f"{fault}has no tangent for an arm to follow; let it move, or choose a level "
-                "attitude"
-            )
+            raise UsageError(f"{fault}has no tangent; let it move, or choose a level attitude")
         near = [_later(found, 0.0 if stays else ends[0] - begin) for begin, found in sides]
         if np.abs(near[0][0] - near[-1][0]).max() > _CORNER:
             raise UsageError(
-                f"{fault}turns to go on in another direction; give it a bend there, or choose a "
-                "level attitude"
+                f"{fault}changes its direction; give it a bend there, or choose a level attitude"
             )
         for begin, (_, rate, second) in sides if stays else ():
             # At the stay itself it may be less.
             until = np.abs(ends - begin).min()
             if np.abs(rate).max() > _BEND + until * np.abs(second).max():
                 raise UsageError(
-                    f"the path of the base bends at t = {begin:.3g} s, next to where it stays; let "
-                    "it come and leave straight ahead, or choose a level attitude"
+                    f"the path of the base bends at t = {begin:.3g} s, next to a stop; make it "
+                    "straight there, or choose a level attitude"
                 )
         for k in rest:
             stay = stays and still[0] <= k <= still[-1]

@@ -126,16 +126,16 @@ class Impedance(Table):
     named here, and nothing else is used.
     """
 
-    frame: str = entry(f"the frame that moves so: {FRAME}", "tip")
+    frame: str = entry(f"the frame that moves like this: {FRAME}", "tip")
     stiffness: Positives | None = entry(
-        "force for each metre off the path, [x, y, z] in N/m; default: of the frequency of control"
+        "stiffness towards the path, [x, y, z] in N/m; default: that of control.frequency"
     )
     damping: Positives | None = entry(
-        "force for each m/s, [x, y, z] in N s/m; default: of the damping_ratio of control"
+        "damping, [x, y, z] in N s/m; default: that of control.damping_ratio"
     )
     inertia: Positives | None = entry(
-        "as what mass it moves, [x, y, z] in kg; default: the mass of the machine, which needs "
-        "the least of the rotors"
+        "apparent mass, [x, y, z] in kg; default: the mass of the machine, which needs the "
+        "least thrust"
     )
 
 
@@ -146,16 +146,16 @@ class Force(_ForATime, Table):
     Under the law "predictive" it pushes on walls that the law knows, and nothing is learned.
     """
 
-    value: Annotated[NotNegative, key("the force that it does to its surroundings, N")]
+    value: Annotated[NotNegative, key("the force on its surroundings, N")]
     direction: Annotated[Direction, key("the direction in which it pushes, [x, y, z]")]
     axes: str = entry(
-        f"whose axes the direction is in: world, or those of a frame that move with it, {FRAME}",
+        f"axes of the direction: world, or moving axes of a frame, {FRAME}",
         WORLD,
     )
-    begin: NotNegative = entry("when it begins to push, s", 0.0)
-    end: Endless = entry("when it ceases, s; default: never", math.inf)
-    rise: Positive = entry("how long the force takes to come, and to go, s", 0.5)
-    integral: _Rate = entry("rate at which the error of the measured force is learned, 1/s", 2.0)
+    begin: NotNegative = entry("when the push begins, s", 0.0)
+    end: Endless = entry("when the push ends, s; default: never", math.inf)
+    rise: Positive = entry("rise and fall time of the force, s", 0.5)
+    integral: _Rate = entry("integral gain of the measured force, 1/s", 2.0)
 
 
 @table
@@ -167,7 +167,7 @@ class Filter(Table):
     """
 
     by: Literal["model", "imu"] = entry(
-        "what moves the state ahead: the robot's dynamics, or an IMU on the base", "model"
+        "source of the prediction: the robot's dynamics, or an IMU on the base", "model"
     )
     wrench: str = entry(
         f'the frame on which an unknown wrench acts: {FRAME}; "": none, as "base" if that is fixed',
@@ -182,13 +182,14 @@ class Filter(Table):
     effort: NotNegative = entry("density at which efforts of joints walk, N m/√s or N/√s", 0.03)
     mass: NotNegative = entry("density at which the mass of the payload walks, kg/√s", 0.1)
     joints: NotNegative = entry(
-        "density of noise of accelerations of joints where an IMU leads, rad/s²/√Hz, m/s²/√Hz", 10.0
+        "density of noise of accelerations of joints when an IMU predicts, rad/s²/√Hz, m/s²/√Hz",
+        10.0,
     )
     start: Positive = entry(
-        "how well coordinates and velocities are known at the start, m, rad, m/s, rad/s", 0.01
+        "standard deviation of coordinates and velocities at the start, m, rad, m/s, rad/s", 0.01
     )
     outliers: Annotated[Share, Bounds(0.0, 0.5)] = entry(
-        "share of right readings that count as outliers, which are left out; 0: none", 1e-4
+        "share of correct readings that are rejected as outliers; 0: no rejection", 1e-4
     )
 
     @classmethod
@@ -209,7 +210,7 @@ class Control(Table):
     with a rate are held in between.
     """
 
-    law: Law = entry("what commands the motors and joints", "tracking")
+    law: Law = entry("law that commands the motors and joints", "tracking")
     frequency: _Frequency = entry(
         "natural frequency of the error dynamics of position and joints, rad/s", 5.0
     )
@@ -218,40 +219,38 @@ class Control(Table):
         "natural frequency of the error dynamics of the attitude, rad/s; default: frequency "
         "under computed torque, four times frequency under laws by which the base leans"
     )
-    integral: _Rate = entry(
-        "rate at which a constant disturbance is learned, 1/s; 0: not at all", 0.0
-    )
+    integral: _Rate = entry("integral gain against constant disturbances, 1/s; 0: none", 0.0)
     rate: Annotated[Number, Bounds(0.1, 1e6)] | None = entry(
-        "how often the law is evaluated, Hz; default: at all times"
+        "rate at which the law is evaluated, Hz; default: continuously"
     )
     delay: Delay = entry(
-        "how much later than the law is evaluated its inputs act, s; needs a rate, which "
-        "the predictive law has by itself, and which it makes up for up to a period",
+        "delay from the evaluation of the law to its inputs, s; needs a rate; the predictive "
+        "law has one and compensates a delay of up to a period",
         0.0,
     )
     joints: Mapping[JointName, JointControl] = entry(
-        "gains of single joints by their names, where they differ from those of the base", dict
+        "gains of single joints by name, if they differ from those of the base", dict
     )
     impedance: Impedance | None = entry(
-        'how a frame moves under the laws "impedance" and "force"; default: the tip, by the '
-        "frequency of control"
+        'motion of a frame under the laws "impedance" and "force"; default: the tip, with '
+        "control.frequency"
     )
     force: Force | None = entry(
-        'how hard it pushes under the law "force", which needs it, or "predictive"'
+        'push of the frame under the law "force", which needs it, or "predictive"'
     )
-    adaptation: _Frequency = entry(
-        'how fast the law "adaptive" learns base parameters at most, rad/s', 5.0
-    )
+    adaptation: _Frequency = entry('greatest learning rate of the law "adaptive", rad/s', 5.0)
     return_rate: _Rate = entry(
-        "rate at which a base with a drive comes back to its path from the side, 1/s", RETURN[0]
+        "rate at which a base with a drive returns to its path from the side, 1/s", RETURN[0]
     )
     return_speed: _Frequency = entry(
-        "speed at which it does so half as fast, m/s; below, more slowly", RETURN[1]
+        "speed at which that rate is half, m/s; it falls with the speed", RETURN[1]
     )
     estimate: Flag = entry(
-        "whether the state is told by a filter of the readings of sensors", False
+        "whether the law uses the state that a filter estimates from sensors", False
     )
-    filter: Filter | None = entry("what the filter estimates, and its noise; as by default if none")
+    filter: Filter | None = entry(
+        "estimated quantities and noise of the filter; default: those of an empty table"
+    )
 
     @property
     def back(self) -> tuple[float, float]:
@@ -269,19 +268,19 @@ class Control(Table):
         law = values.get("law", "tracking")
         has_rate = "rate" in values or law == PREDICTIVE
         if values.get("delay") and not has_rate:
-            yield "rate", "missing: a delay needs to know how often the law is evaluated, in Hz"
+            yield "rate", "missing: a delay needs the rate of the law, Hz"
         if "filter" in values and not values.get("estimate"):
-            yield "filter", "must be left out, or estimate be true: nothing else has a filter"
+            yield "filter", "must be left out, or estimate be true"
         if law in _PUSHING and "force" not in values:
-            yield "force", "missing: say how hard the frame pushes, { value = …, direction = … }"
+            yield "force", "missing: give the push of the frame, { value = …, direction = … }"
         if values.get("integral") and law in LAWS and LAWS[law].learns:
-            yield "integral", "must be left out: the adaptive law learns parameters in its place"
+            yield "integral", "must be left out, because the adaptive law learns parameters instead"
         planned = [PREDICTIVE] if "force" in values else []
         for item, laws in (("impedance", _MOVING + planned), ("force", _PUSHING + planned)):
             if item in values and law not in laws:
                 names = [LAWS[name].task if name in LAWS else name for name in laws]
                 tasks = " or ".join(dict.fromkeys(f'"{name}"' for name in names))
-                yield item, f"must be left out, or the law be {tasks}: no other moves a frame by it"
+                yield item, f"must be left out, or the law be {tasks}"
 
 
 @table
@@ -292,12 +291,12 @@ class Motors(_ForATime, Table):
     time_constant: NotNegative | None = entry(
         "time constant of the lag, s; 0: no lag; default: that of the robot file"
     )
-    compensation: Flag = entry("whether a law that has the means compensates the lag", True)
+    compensation: Flag = entry("whether the law compensates the lag, if it can", True)
     begin: NotNegative = entry("when they start, s; before, thrusts are the least", 0.0)
     end: Endless = entry("when they stop, s, after which thrusts are the least", math.inf)
     disc_radius: Positive | None = entry(
-        "radius of the discs of all rotors, m, from which distances of links are told; default: "
-        "that of the robot file, where it says what the air does to rotors"
+        "radius of the discs of all rotors, m, for collisions with links; default: that of the "
+        "robot file"
     )
 
 
@@ -330,9 +329,9 @@ class Sensors(Table):
     joint_rates: NotNegative = entry(
         "standard deviation of the rate of each joint, rad/s or m/s", 0.0
     )
-    delay: Delay = entry("how old the state is that is observed, s", 0.0)
+    delay: Delay = entry("delay of the observed state, s", 0.0)
     seed: Annotated[Whole, Bounds(0, 2**63 - 1)] = entry(
-        "flights of the same seed have the same noise", 0
+        "seed of the noise; the same seed gives the same noise", 0
     )
     acceleration: NotNegative = entry(
         "standard deviation of the base's acceleration along each axis, m/s²", 0.0
@@ -354,7 +353,7 @@ class Sensors(Table):
     )
     gps: Annotated[tuple[Gps, ...], _devices("gps")] = entry("satellite receivers", ())
     pose: Annotated[tuple[PoseSensor, ...], _devices("pose")] = entry(
-        "cameras that tell where frames are", ()
+        "cameras that measure poses of frames", ()
     )
     encoders: Annotated[tuple[Encoders, ...], _devices("encoders")] = entry(
         "encoders of joints", ()
@@ -375,7 +374,7 @@ class Sensors(Table):
         for kind in DEVICES:
             for place, device in enumerate(getattr(self, kind)):
                 if device.name in names:
-                    words = f"there is a sensor {device.name} already; give each a name of its own"
+                    words = f"there is a sensor {device.name} already; give each a unique name"
                     yield (kind, place, "name"), words
                 names.add(device.name)
 
@@ -396,7 +395,10 @@ def estimation_faults(control: Control, sensors: Sensors | None) -> Iterator[tup
     if control.estimate and (sensors is None or not sensors.devices):
         yield ("control", "estimate"), "needs sensors to estimate by, such as [[sensors.imu]]"
     elif control.estimate and sensors and sensors.observes:
-        words = "must be false where [sensors] has noise or a delay itself: sensors have their own"
+        words = (
+            "must be false if [sensors] itself has noise or a delay, because each sensor has "
+            "its own"
+        )
         yield ("control", "estimate"), words
 
 
@@ -413,7 +415,9 @@ class Timing(Table):
     limits: Thrusts | None = entry(
         "least and greatest thrust of the desired motion, N; default: of the motors"
     )
-    thrust_rate: Positive | None = entry("greatest rate of every thrust, N/s; default: no limit")
+    thrust_rate: Positive | None = entry(
+        "greatest rate of change of every thrust, N/s; default: no limit"
+    )
     effort: Mapping[JointName, Positive] = entry(
         "greatest torque or force of joints, N m or N; default: of the arm", dict
     )
@@ -433,7 +437,7 @@ class Timing(Table):
         if values.get("law", "uniform") == "uniform":
             for item in ("limits", "thrust_rate", "effort", "velocity"):
                 if item in values:
-                    yield item, 'is a limit of the law "fastest"; with "uniform" leave it out'
+                    yield item, 'is a limit of the law "fastest"; leave it out with "uniform"'
 
 
 @table
@@ -448,7 +452,7 @@ class StartOffset(Table):
     ] = _ZERO
     charge: Share = entry("charge of the battery, 1 when full", 1.0)
     settled: Flag = entry(
-        "whether the robot begins at rest on walls, lowered or lifted to where they carry it", False
+        "whether the robot starts at rest on walls, lowered or lifted onto them", False
     )
 
 
@@ -462,7 +466,7 @@ class Settings(Table):
     is controlled.
     """
 
-    method: Method = entry("steps that adapt, or of one length", "adaptive")
+    method: Method = entry("steps of adaptive or of equal length", "adaptive")
     step: Annotated[Number, Bounds(1e-6)] = entry("greatest step of rk4, s", 1e-3)
     # SciPy raises smaller ones to about this.
     relative_tolerance: Annotated[Number, Bounds(3e-14, 0.1)] = entry(
@@ -471,7 +475,7 @@ class Settings(Table):
     absolute_tolerance: Annotated[Number, Bounds(1e-16, 0.1)] = entry(
         "absolute tolerance of adaptive steps; m, rad, m/s and rad/s", 1e-11
     )
-    rate: Annotated[Number, Bounds(0.1)] = entry("samples that are kept per second", 100.0)
+    rate: Annotated[Number, Bounds(0.1)] = entry("recorded samples per second", 100.0)
     divergence: Annotated[Endless, Bounds(LEAST)] = entry(
         "deviation from the desired motion at which control counts as lost, m or rad", 20.0
     )
@@ -505,8 +509,8 @@ class Payload(_ForATime, Table):
 
     frame: Annotated[str, key(f"the frame at whose origin it is: {FRAME}")]
     mass: Annotated[NotNegative, key("the mass, kg")]
-    begin: NotNegative = entry("when it is there first, s", 0.0)
-    end: Endless = entry("when it is there no more, s; default: it stays", math.inf)
+    begin: NotNegative = entry("when it appears, s", 0.0)
+    end: Endless = entry("when it disappears, s; default: it stays", math.inf)
 
 
 @table
@@ -521,9 +525,11 @@ class Hold(_ForATime, Table):
     constraint: Annotated[str, key("the constraint: a name of CONSTRAINTS of the module")]
     begin: NotNegative = entry("when it takes hold, s", 0.0)
     end: Endless = entry("when it lets go, s; default: it stays", math.inf)
-    idle: Flag = entry("whether motors idle meanwhile", False)
+    idle: Flag = entry("whether the motors idle during the hold", False)
     restitution: Share | None = entry(
-        "share of its speed with which a frame rebounds; default: it is held from both sides", None
+        "restitution: share of its speed with which a frame rebounds; default: held from both "
+        "sides",
+        None,
     )
 
 
@@ -554,7 +560,7 @@ class Wind(Table):
         "gusts on top of the steady wind", ()
     )
     rotational_drag: Mapping[str, NotNegative] = entry(
-        "coefficients of drag against turning, N m s/rad, by frame", dict
+        "coefficients of rotational drag, N m s/rad, by frame", dict
     )
 
 

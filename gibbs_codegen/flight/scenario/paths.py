@@ -240,7 +240,7 @@ def check_path(path: Path, duration: float, what: str) -> None:
         typical = np.median(np.abs(slope - here[:, 1:])[:, order].max(axis=-1))
         allowed = 1e-3 * (scale[order + 1] + scale[order] / duration) + 1e-6
         if off[order] > allowed and typical > allowed:
-            raise UsageError(f"{what}: its {name} is not the derivative of what comes before it")
+            raise UsageError(f"{what}: its {name} is not the derivative of the order before")
 
 
 def plane(normal: Vector | Array) -> tuple[Array, Array]:
@@ -351,9 +351,9 @@ class Waypoints(Table):
             place = ("velocities", number)
             if not isinstance(velocity, str):
                 if repeated[number] and any(velocity):
-                    yield place, 'this point is repeated, so that the path rests here: give "rest"'
+                    yield place, 'this point is repeated, so the path rests here; give "rest"'
             elif velocity == "free" and number in (0, count - 1):
-                yield place, 'the path ends here: give a velocity, or "rest"'
+                yield place, 'the path ends here; give a velocity, or "rest"'
 
     @cached_property
     def _curves(self) -> list[scipy.interpolate.BPoly]:

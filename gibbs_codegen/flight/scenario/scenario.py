@@ -49,10 +49,10 @@ class ArmKeys:
         postures = ("posture", "posture_deg", "moves", "moves_deg")
         others = [*tips[1:], *(entry for entry in postures if entry in values)]
         if led and others:
-            yield others[0], f"{led[0]} already says what the arm does; give one of them"
+            yield others[0], f"{led[0]} already gives the motion of the arm; give one of them"
         for entry in ("guess", "guess_deg"):
             if entry in values and not led:
-                yield entry, "is where the search for a tip path begins; give a tip"
+                yield entry, "starts the search for a tip path; give a tip"
 
 
 @table

@@ -58,8 +58,8 @@ _Frames = Annotated[
     Names,
     key(f"the frame whose origin meets the wall, or a list of several, such as feet: {FRAME}"),
 ]
-_Stiffness = Annotated[Positive, key("force for each metre of depth, N/m")]
-_Damping = Annotated[NotNegative, key("force for each m/s of speed into the wall, N s/m")]
+_Stiffness = Annotated[Positive, key("stiffness: force per depth, N/m")]
+_Damping = Annotated[NotNegative, key("damping: force per speed into the wall, N s/m")]
 
 
 @table
@@ -68,19 +68,18 @@ class _Wall(Table):
 
     frame: _Frames
     dissipation: NotNegative = named(
-        "share by which the force of the stiffness grows for each m/s of speed into the wall, s/m",
+        "relative growth of the stiffness force per m/s of speed into the wall, s/m",
         default=0.0,
         kw_only=True,
     )
     friction: NotNegative = named("coefficient of friction; 0: none", default=0.0, kw_only=True)
     bristle_stiffness: Positive | None = named(
-        "force for each metre by which a frame that sticks is moved along the wall, N/m; default: "
-        "the stiffness",
+        "tangential stiffness of a sticking frame, N/m; default: the stiffness",
         default=None,
         kw_only=True,
     )
     bristle_damping: Positive | None = named(
-        "force for each m/s at which it moves there, N s/m; default: 10 ms of bristle_stiffness",
+        "tangential damping of a sticking frame, N s/m; default: 10 ms of bristle_stiffness",
         default=None,
         kw_only=True,
     )
@@ -234,7 +233,7 @@ class Box(_Wall):
     stiffness: _Stiffness
     damping: _Damping = 0.0
     rpy: Annotated[
-        Angles, key("how it is turned: R = R_z·R_y·R_x of these angles, degrees", "rpy_deg")
+        Angles, key("orientation: R = R_z·R_y·R_x of these angles, degrees", "rpy_deg")
     ] = (0.0, 0.0, 0.0)
 
     @property

@@ -255,8 +255,8 @@ def axes_of(
                 short, long = sorted((new, old), key=len)
                 if long.startswith(short) and long[len(short) :][:1] in ("", ".", "["):
                     raise UsageError(
-                        f"{printable(other)} and {printable(key)} both set {printable(long)}; let "
-                        "one of them do so"
+                        f"{printable(other)} and {printable(key)} both set {printable(long)}; "
+                        "leave one of them out"
                     )
             of_target |= dict.fromkeys(targets, key)
     return axes
@@ -287,8 +287,8 @@ def _base(key: str, robot: sources.RobotSource, scenario: sources.ScenarioSource
         entry = robot.parameters[name] if entry is None else entry
     if isinstance(entry, bool) or not isinstance(entry, float | int):
         raise UsageError(
-            f"{printable(key)}: the scenario {scenario.word} has no number there that scaled() "
-            "could be a factor of; give the values themselves"
+            f"{printable(key)}: the scenario {scenario.word} has no number there to scale; give "
+            "the values themselves"
         )
     return float(entry)
 

@@ -42,7 +42,7 @@ _HANDED_OVER = 4.0
 _LONGEST_REASON = 400
 # The file of a study's folder with the results of each case.
 FILE = "flights.jsonl"
-_BROKEN = "%s: %d lines are broken or were changed; their flights are flown again"
+_BROKEN = "%s: %d lines are damaged or were changed; their flights are repeated"
 # Texts of a row: why a flight ended early, why there is none, why a measure could not be taken.
 REASONS = ("stopped", "failed", "unmeasured")
 # The measures of a flight, and its `REASONS`.
@@ -228,7 +228,7 @@ def _flights_of_cases(
         flights_of_sound += simulate_many(module, sound, blocks=blocks)
     except Exception as error:  # One of them is to blame, which is told by flying it by itself.
         words = printable(words_of(error))
-        _log.warning("%s: not flown side by side, but one by one: %s", module.NAME, words)
+        _log.warning("%s: flights are computed one by one: %s", module.NAME, words)
         for scenario in sound:
             try:
                 flights_of_sound += simulate_many(module, [scenario], blocks=blocks)
@@ -291,8 +291,8 @@ class ResultFile:
                 os.fsync(file.fileno())
         except OSError as error:
             raise OutputError(
-                f"{printable(self._path.parent)}: cannot be written: {cause_of(error)}; what was "
-                "done is kept, and the same call goes on from there"
+                f"{printable(self._path.parent)}: cannot be written: {cause_of(error)}; finished "
+                "flights are kept; repeat the call to continue"
             ) from None
 
 

@@ -33,9 +33,9 @@ _MANY = 1000
 _NOT_THERE = (ImportError, AttributeError, NameError, TypeError, pickle.PickleError)
 # Errors of calls whose process dies.
 _BROKEN = (futures.BrokenExecutor, futures.CancelledError)
-_DEAD = "the process that flew it died, as often as it was tried, of a crash or for lack of memory"
+_DEAD = "the process that flew it died in every attempt, from a crash or lack of memory"
 
-_KEPT = "what was done is kept: the same call goes on from there, with an executor that works"
+_KEPT = "finished flights are kept; repeat the call with a working executor to continue"
 
 _log = logging.getLogger("gibbs_codegen")
 
@@ -101,7 +101,7 @@ class Execution:
             broken.set_exception(error)
             return broken
         except RuntimeError as error:  # So do executors of any kind refuse after they were ended.
-            raise UsageError(f"the executor takes no work: {printable(error)}; {_KEPT}") from None
+            raise UsageError(f"the executor accepts no work: {printable(error)}; {_KEPT}") from None
 
     def _left(self, future: futures.Future[list[Row]], chunk: Chunk) -> Chunk:
         """The rest of a chunk once the flights that were done are kept; all if it died.

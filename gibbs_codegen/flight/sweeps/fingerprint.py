@@ -53,8 +53,8 @@ def fingerprint(*values: Any) -> str:
     except Exception as error:  # Whatever pickling meets.
         why = "it holds itself" if "cyclic" in str(error) else printable(error)
         raise UsageError(
-            f"{printable(repr(values), 60)}: a sweep cannot tell whether this is the same when it "
-            f"is called again ({why}); let measures use numbers, arrays and functions"
+            f"{printable(repr(values), 60)}: a later call of the sweep cannot recognise this "
+            f"value ({why}); use numbers, arrays and functions in measures"
         ) from None
     return hashlib.sha256(written.getbuffer()).hexdigest()
 
@@ -165,8 +165,8 @@ def _imported(name: str) -> ModuleType:
         return import_module(name)
     except Exception as error:  # Whatever a module raises; names may be relative too.
         raise UsageError(
-            f"measure: a sweep cannot tell what the module {printable(name)} does, which a "
-            f"function imports ({printable(error)}); import it at the top of the function's module"
+            f"measure: a function imports the module {printable(name)}, which the sweep cannot "
+            f"import ({printable(error)}); import it at the top of the function's module"
         ) from None
 
 

@@ -101,7 +101,7 @@ def _number(measure: Measure, flight: Flight) -> float:
         raise UsageError(f"this robot has no {series}")
     number = np.asarray(STATISTICS[statistic](values))
     if number.size != 1:
-        raise UsageError(f"{series} has {number.size} columns, and so no one last value")
+        raise UsageError(f"{series} has {number.size} columns, so its last value is not one number")
     return float(number.reshape(()))
 
 
@@ -114,5 +114,5 @@ def packed(measures: Mapping[str, Measure]) -> bytes:
         return cloudpickle.dumps(dict(measures))
     except Exception as error:  # Whatever a function may hold.
         raise UsageError(
-            f"measure: what a function holds cannot be taken to another process: {printable(error)}"
+            f"measure: a value in a function cannot be sent to another process: {printable(error)}"
         ) from None

@@ -94,7 +94,7 @@ def with_places_filled(says: Callable[[str], Any], values: Mapping[str, Any]) ->
             inner[place] = value
         except (IndexError, KeyError, TypeError):
             raise UsageError(
-                f"{printable(key)}: the scenario has no such entry; give it there first"
+                f"{printable(key)}: the scenario has no such entry; add it there first"
             ) from None
     return filled
 
@@ -112,8 +112,8 @@ def replacement(value: Any, changes: Mapping[str, Any], key: str = "") -> Any:
         place = f"{key}{name}"
         if name not in field_names:
             raise UsageError(
-                f"{printable(place)}: a Scenario has no such field; give the scenario as a file, "
-                "or by its name, to vary entries of the file"
+                f"{printable(place)}: a Scenario has no such field; give a scenario file or its "
+                "name to vary entries of the file"
             )
         before = getattr(value, name)
         if isinstance(change, Mapping):

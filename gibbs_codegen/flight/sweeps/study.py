@@ -266,9 +266,7 @@ def _digest(path: Path) -> str:
 
 
 def _no_study(folder: StrPath, why: object) -> UsageError:
-    return UsageError(
-        f"{printable(folder)}: holds no study that a sweep finished: {printable(why)}"
-    )
+    return UsageError(f"{printable(folder)}: contains no finished study: {printable(why)}")
 
 
 def _toml(value: Any) -> str:

@@ -65,8 +65,8 @@ _MIDDLE = np.array([0.5])
 # How often a line of the log says what is done, s.
 _LOG_SECONDS = 30.0
 _SLOW = (
-    'these flights are flown one by one; with integration.method = "rk4" they would be flown side '
-    "by side, many times as fast"
+    'these flights are computed one by one; integration.method = "rk4" computes them side by '
+    "side, many times faster"
 )
 
 _log = logging.getLogger("gibbs_codegen.flight.sweeps")
@@ -140,8 +140,8 @@ def sweep(
     _refuse_out_of_bounds(cases, progress)
     if samples > 1 and not any(block.drawn or block.seed is not None for block in cases.blocks):
         raise UsageError(
-            f"samples: {samples} of each case would be the same flight, since nothing is drawn; "
-            "give a distribution, such as uniform(0.1, 0.2), or leave samples out"
+            f"samples: all {samples} of a case would be the same flight, because no value is "
+            "random; give a distribution, such as uniform(0.1, 0.2), or leave samples out"
         )
     rows = _rows(chosen, cases, folder, executor, workers or own_count(), progress)
     study = Study(Path(out), cases, table_of(cases, tuple(chosen), rows))
@@ -173,8 +173,8 @@ def _check_own(folder: Path) -> None:
     others = {path.name for path in folder.glob("[!.]*")} - {"modules"}
     if others and others.isdisjoint((FILE, "cases.json")):
         raise UsageError(
-            f"{printable(folder)}: holds {printable(min(others))}, and no sweep has written it; "
-            "give a folder that is new or empty, or one of an earlier sweep"
+            f"{printable(folder)}: contains {printable(min(others))}, which no sweep wrote; give "
+            "a new or empty folder, or that of an earlier sweep"
         )
 
 

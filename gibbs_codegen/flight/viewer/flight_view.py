@@ -134,7 +134,7 @@ def known_samples(flight: Flight) -> NDArray[np.int_]:
     """
     sound: NDArray[np.int_] = np.flatnonzero(np.isfinite(flight.positions).all(axis=(1, 2)))
     if not len(sound):
-        raise UsageError(f"{flight.robot}, {flight.scenario}: has no sample that can be drawn")
+        raise UsageError(f"{flight.robot}, {flight.scenario}: no sample can be drawn")
     return sound
 
 

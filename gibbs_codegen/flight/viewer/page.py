@@ -167,7 +167,7 @@ def _free_port(port: int) -> int:
             bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, int(os.name == "posix"))
             bound.bind((_HOST, tried))
             return tried
-    raise UsageError(f"port {port}: neither it nor one after it is free; give a smaller one")
+    raise UsageError(f"port {port}: this port and all after it are in use; give a smaller one")
 
 
 @contextmanager

@@ -32,12 +32,12 @@ _INPUT_ROOM, _LENGTH_ROOM = 3.0, 1.0
 _SWING_FRAMES, _SWING_ROOM = 4, 0.15
 _PANEL_WIDTH = 360
 _HOLD = (
-    "Chooses the inputs of least thrust that hold the robot where it is, or do so as nearly as "
-    "they can. They know no limits."
+    "Chooses the inputs of least thrust that hold the robot still, or nearly so. Limits are not "
+    "considered."
 )
 _PATTERN = (
     "Orange entries changed with the last move; blank ones are zero in every posture at rest. "
-    "Rows are the equations of the unknowns."
+    "Rows are equations, columns unknowns."
 )
 _FILLED, _LIT, _LINE = "#9fb3c8", "#e69f00", "#cccccc"
 _GRID = 'stroke="white" stroke-width="0.08"'

@@ -61,13 +61,13 @@ def _motion(value: object) -> object:
     names = (FREE, *LEVEL_MOTIONS)
     if isinstance(value, str):
         if value not in names:
-            hint = 'or a list of what moves, such as ["x", "pitch"]'
+            hint = 'or a list of motions, such as ["x", "pitch"]'
             raise fault(f"{not_one_of(value, names)}; {hint}")
         return value
     parts = to_python(value)
     if not isinstance(parts, list):
         choices = ", ".join(map(repr, names))
-        raise fault(f"must be one of {choices} or a list of what moves, not {kind_of(value)}")
+        raise fault(f"must be one of {choices} or a list of motions, not {kind_of(value)}")
     for i, part in enumerate(parts):
         if part not in (*TRAVELS, *TURNS):
             raise fault(not_one_of(part, (*TRAVELS, *TURNS)))
@@ -75,11 +75,11 @@ def _motion(value: object) -> object:
             raise fault(f"{shown(part)} is there twice")
         if part in TRAVELS and any(before in TURNS for before in parts[:i]):
             raise fault(
-                f"{shown(part)} comes after a rotation, which would turn its axis: put it before, "
-                'or take motion = "fixed" and links that move'
+                f"{shown(part)} comes after a rotation, which would turn its axis; put it "
+                'before, or use motion = "fixed" and links that move'
             )
     if not parts:
-        raise fault('nothing moves: give "fixed" instead of an empty list')
+        raise fault('empty list; give "fixed" if the base does not move')
     return tuple(parts)
 
 
@@ -98,7 +98,7 @@ def shown_motion(motion: Any) -> str:
 
 def _drive(value: object) -> object:
     if value not in tuple(DRIVES):
-        words = "no wheel may steer, and those that slide along their axes need no drive"
+        words = "wheels cannot steer, and wheels that slide along their axes need no drive"
         raise fault(f"{not_one_of(value, DRIVES)}: {words}")
     return value
 
@@ -131,14 +131,14 @@ class BaseKeys(Part):
     )
     attitude: Attitude = entry("intrinsic sequence of the attitude angles, or quaternion", "xyz")
     motion: Motion = entry(
-        'what of the base moves: "free", all of it; "fixed", nothing; "planar", x, y and yaw; '
-        '"upright", these and z; or a list of x, y, z, roll, pitch and yaw, along and about axes '
-        "of the world in that order",
+        'motion of the base: "free"; "fixed"; "planar": x, y and yaw; "upright": these and z; '
+        "or a list of x, y, z, roll, pitch and yaw, along and about axes of the world in that "
+        "order",
         FREE,
     )
     drive: Annotated[Literal["differential"] | None, BeforeValidator(_drive)] = entry(
-        'of a planar base: "differential", it does not slip sideways, and its velocities are '
-        "ahead, along its x axis, and about z; default: none, it moves in all directions"
+        'drive of a planar base: "differential" forbids side slip, and the velocities are '
+        "ahead, along the x axis, and about z; default: it moves in all directions"
     )
     origin: Origin = entry(
         "the point whose position is x, y, z: motor1 or centre where the base has arms, base "
@@ -242,8 +242,7 @@ class BaseTable(Posed, BaseKeys, RigidKeys):
     }
 
     xyz: Sizes3 | None = entry(
-        "place of the base, m, where nothing has moved yet and it does not move freely; default "
-        "[0, 0, 0]"
+        "place of a base that does not move freely, at coordinates zero, m; default [0, 0, 0]"
     )
     rpy_deg: Angles | None = entry(
         "roll, pitch and yaw of the base there, R = R_z·R_y·R_x as in URDF, degrees; default "
@@ -269,28 +268,28 @@ class BaseTable(Posed, BaseKeys, RigidKeys):
             return
         if 1 < rotors <= MAX_ROTORS and rotors != len(arms) <= MAX_ROTORS:
             what = f"a list of {len(arms)} for {rotors} rotors"
-            yield "arm", f"{what}; give one table for all, or one each"
+            yield "arm", f"{what}; give one table for all, or one for each"
 
     @classmethod
     def _motion_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         """Faults of keys that do not fit how the base moves."""
         if values.get("drive") is not None and values.get("motion", FREE) != PLANAR:
-            yield "drive", f'is of a base that rolls: give motion = "{PLANAR}" too'
+            yield "drive", f'needs a base that rolls; give motion = "{PLANAR}" too'
         if values.get("motion", FREE) == FREE:
             for key in ("xyz", "rpy_deg"):
                 if key in values:
                     yield (
                         key,
-                        "is of a base that does not move freely: give its motion too, or "
-                        "leave it out, since the coordinates say where the base is",
+                        "applies to a base that does not move freely; give its motion too, or "
+                        "leave it out, because coordinates define where a free base is",
                     )
             return
         for key in ("attitude", *ROD_KEYS):
             if key in values:
-                why = "its motion says how it turns"
+                why = "its motion defines how it turns"
                 if key != "attitude":
                     why = "give it [[rotor]] tables"
-                yield key, f"is of a base that moves freely: leave it out; {why}"
+                yield key, f"applies to a base that moves freely; leave it out: {why}"
 
     @field_validator("thrust", "drag", "azimuth_deg", mode="before")
     @classmethod

@@ -32,11 +32,11 @@ class Battery(Part):
         unsaid=None,
     )
     efficiency: Annotated[Positive, Bounds(0.0, 1.0)] = sized(
-        "share of the electric power of motors and their controllers that rotors get",
+        "share of the electric power of motors and their controllers that reaches the rotors",
         0.75,
         unit="1",
     )
-    auxiliary: NotNegative = number("power of all else, {W}", 0.0, keeps_sign=True)
+    auxiliary: NotNegative = number("power of all other devices, {W}", 0.0, keeps_sign=True)
 
     def parameters(self) -> dict[str, Parameter]:
         """Numbers that can be parameters, voltages first."""

@@ -62,7 +62,7 @@ class RigidKeys(Part):
         if body is None or allowed or not (words := body_fault(body)):
             return self
         place = ("section_inertia" if isinstance(body, Rod) else "inertia",)
-        raise refusal([(place, f"{words}; {ALLOWED} = true lets it pass")])
+        raise refusal([(place, f"{words}; to allow it, give {ALLOWED} = true")])
 
     def body(self) -> Body | None:
         """The body that the table describes, or None where it gives no mass."""
@@ -177,8 +177,8 @@ def body_fault(body: Body) -> str | None:
     xx, xy, xz, yy, yz, zz = body.inertia
     if words and not inertia_fault(body.mass, (xx, yy, zz, xy, xz, yz)):
         return (
-            "must be in the order xx, yy, zz, xy, xz, yz, and seems to be in that of URDF, xx, xy, "
-            f"xz, yy, yz, zz; as it stands it {words}"
+            "must be in the order xx, yy, zz, xy, xz, yz, and seems to be in that of URDF, xx, "
+            f"xy, xz, yy, yz, zz; as given it {words}"
         )
     return words
 

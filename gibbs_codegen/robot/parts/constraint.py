@@ -79,14 +79,14 @@ class Constraint(Part):
         "degrees",
         LEVEL,
     )
-    distance: Positive = sized("of a distance: that from the anchor, {m}", unsaid=0.0)
+    distance: Positive = sized("of a distance: the distance from the anchor, {m}", unsaid=0.0)
     normal: Direction = entry(
         'of a plane: its normal in the frame that carries it: an axis such as "x" or "-y", or '
         "[x, y, z]",
         AXES["z"],
         written="z",
     )
-    joint: LoopJoint = entry("of a loop: what the frames still do at the anchor", "fixed")
+    joint: LoopJoint = entry("of a loop: the joint between the frames at the anchor", "fixed")
     axis: Direction = entry(
         "of a loop that is revolute: its axis, in the anchor's frame and in the one that is held",
         AXES["z"],
@@ -96,7 +96,7 @@ class Constraint(Part):
         "frequency with which errors go back to zero (Baumgarte), {rad/s}; 0: not at all", 0.0
     )
     damping_ratio: NotNegative = number(
-        "damping ratio with which they do", 1.0, keeps_sign=True, unit="1"
+        "damping ratio of that motion", 1.0, keeps_sign=True, unit="1"
     )
 
     def parameters(self) -> dict[str, Parameter]:

@@ -18,8 +18,8 @@ class Friction(Part):
     coulomb: NotNegative = number("friction at speed, {N m or N}", ...)
     static: NotNegative = number("friction about rest, {N m or N}; default: coulomb", unsaid=None)
     velocity: Positive = sized(
-        "rate at which it has come down half the way from static to coulomb, {rad/s or m/s}; a "
-        "tenth of it is where it is smooth about rest",
+        "rate at which it has fallen half of the way from static to coulomb, {rad/s or m/s}; "
+        "below a tenth of it friction is smooth",
         0.1,
     )
 
@@ -28,8 +28,8 @@ class Friction(Part):
         if self.static is not None and self.static < self.coulomb:
             yield (
                 ("static",),
-                f"must be at least coulomb, {self.coulomb:g}, since friction is greatest about "
-                "rest; leave it out where both are the same",
+                f"must be at least coulomb, {self.coulomb:g}, because friction is greatest near "
+                "rest; leave it out if both are equal",
             )
 
     def _completed(self) -> Friction:

@@ -54,11 +54,11 @@ class Gear(Part):
         "name of the link whose joint moves this one, or several names, of a differential", ...
     )
     ratio: Annotated[float | tuple[float, ...], _OrSeveral(tuple[Size, ...])] = entry(
-        "what this joint moves for each rad or m of the other, rad or m; below 0 the other way; "
-        "of several names as many ratios",
+        "motion of this joint for each rad or m of the other, rad or m; negative: the other "
+        "way; one ratio for each name",
         ...,
     )
-    offset: Size = entry("coordinate of this joint where others' are 0, rad or m", 0.0)
+    offset: Size = entry("coordinate of this joint where the others' are 0, rad or m", 0.0)
 
     def _faults(self) -> Iterator[tuple[Place, str]]:
         """The fault of a joint that would not move, or of numbers that do not fit."""
@@ -66,14 +66,14 @@ class Gear(Part):
         if 0.0 in ratios:
             yield (
                 ("ratio",),
-                'must not be 0, with which the joint would not move: give joint = "fixed"',
+                'must not be 0, or the joint would not move; give joint = "fixed" for that',
             )
         if not movers:
             yield ("of",), "must have the name of a link whose joint moves this one"
         elif len(movers) != len(ratios):
             yield ("ratio",), f"must have a ratio for each name in of, {len(movers)}"
         if len({*movers}) < len(movers):
-            yield ("of",), "must not have a name twice: add the ratios"
+            yield ("of",), "has a name twice; give it once, with the sum of the ratios"
 
     @classmethod
     def by(cls, ratios: Mapping[int, float], offset: float = 0.0) -> Gear:

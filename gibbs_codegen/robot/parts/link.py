@@ -39,7 +39,7 @@ POSE_KEYS = ("xyz", "rpy_deg")
 
 def _not_continuous(kind: object) -> object:
     if kind == "continuous":
-        raise fault('must be "revolute", without limits, for what URDF calls "continuous"')
+        raise fault('must be "revolute", without limits, for URDF\'s "continuous"')
     return kind
 
 
@@ -69,11 +69,11 @@ class JointKeys(Part):
         written="z",
     )
     joint: Annotated[LinkKind, BeforeValidator(_not_continuous)] = entry(
-        "what the joint does: it turns about its axis, slides along it, or is fixed", "revolute"
+        "kind of joint: it turns about its axis, slides along it, or is fixed", "revolute"
     )
     constrained: Flag = entry(
-        "whether a fixed link is held by a constraint torque about its axis, which the hybrid "
-        "system has, instead of welded",
+        "whether a constraint torque about its axis, which the hybrid system contains, holds a "
+        "fixed link; otherwise it is welded",
         False,
     )
     coordinate: Label | None = entry(
@@ -94,7 +94,7 @@ class Passive(Part):
         0.0,
         keeps_sign=True,
     )
-    stiffness: NotNegative = number("of a spring, {N m/rad or N/m}", 0.0)
+    stiffness: NotNegative = number("stiffness of a spring at the joint, {N m/rad or N/m}", 0.0)
     rest: Size = number("coordinate at which the spring rests, {rad or m}", 0.0)
 
 
@@ -131,11 +131,12 @@ class DriveKeys(Part):
     """The drive of a joint, and the friction in it."""
 
     servo: Servo | None = entry(
-        "a servo that drives the joint; default: none, and it is commanded torques or forces"
+        "a servo that drives the joint; default: none, and torques or forces are commanded"
     )
     friction: Friction | None = entry("dry friction of the joint; default: none")
     gear: Gear | None = entry(
-        "a gear by which another joint moves this one, which has no coordinate then; default: none"
+        "a gear with which another joint moves this one, which then has no coordinate; default: "
+        "none"
     )
     motor: Motor | None = entry(
         "a motor behind a gear that turns the joint, with the inertia of its rotor; default: none"
@@ -217,25 +218,25 @@ class LinkTable(BodyKeys, DriveKeys, LimitKeys, Passive, JointKeys, Posed):
         if "axis" in values and not pose:
             yield (
                 "axis",
-                "needs a pose, since by Denavit–Hartenberg parameters the axis is z: give xyz or "
-                "rpy_deg",
+                "needs a pose, because with Denavit–Hartenberg parameters the axis is z; give "
+                "xyz or rpy_deg",
             )
         kind, constrained = values.get("joint", "revolute"), values.get("constrained") is True
         if kind == "fixed":
             for key in _OF_MOVING:
                 if key in values:
-                    yield key, "must be left out, since a fixed joint does not move"
+                    yield key, "must be left out, because a fixed joint does not move"
             if "coordinate" in values and not constrained:
-                yield "coordinate", "must be left out, since a welded joint has no coordinate"
+                yield "coordinate", "must be left out, because a welded joint has no coordinate"
         elif constrained:
             yield "constrained", 'needs a joint that does not move: give joint = "fixed"'
         if kind == "prismatic" and "motor" in values:
-            words = "belongs to a joint that turns: give the rotor a link of its own, with a gear"
+            words = "belongs to a joint that turns; give the rotor its own link, with a gear"
             yield "motor", words
         if values.get("gear") is not None:
             for key in _OF_COORDINATES:
                 if key in values:
-                    words = "must be left out, since a gear moves the joint: give it to the link"
+                    words = "must be left out, because a gear moves the joint; give it to the link"
                     yield key, f"{words} of the gear"
         elif kind != "fixed" and "limits_deg" in values:
             if "limits" in values:

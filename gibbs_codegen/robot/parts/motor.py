@@ -19,5 +19,5 @@ class Motor(Part):
         "inertia of the rotor about its axis, {kg m^2}", ..., keeps_sign=True
     )
     gear_ratio: Size = number(
-        "what the rotor turns for each rad of the joint, {rad/rad}; below 0 against it", ...
+        "angle of the rotor for each rad of the joint, {rad/rad}; negative: opposite to it", ...
     )

@@ -51,7 +51,7 @@ def size_fault(value: float) -> str | None:
     if value == 0.0 or LEAST <= abs(value) <= MOST:
         return None
     what = "overflow" if abs(value) > MOST else "vanish"
-    return f"must be 0 or from {LEAST:g} to {MOST:g} in size, not {value:g}, whose products {what}"
+    return f"must be 0 or from {LEAST:g} to {MOST:g} in size, not {value:g}; its products {what}"
 
 
 def _end_fault(end: float) -> str | None:

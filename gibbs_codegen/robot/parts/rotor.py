@@ -145,7 +145,7 @@ class Rotor(Part):
         "rotorDragCoefficient": "hub_drag",
     }
 
-    name: Label | None = entry("name of the rotor, any text; without it its number counts")
+    name: Label | None = entry("name of the rotor, any text; default: its number")
     on: BodyNumber = entry(CARRIER, BASE, written="base")
     position: Sizes3 = number(
         "place in the frame of what carries it, {m}", ORIGIN, name="", ends=XYZ
@@ -186,21 +186,21 @@ class Rotor(Part):
         "simulators, kg m^2; default: none"
     )
     speed_per_sqrt_thrust: NotNegative | None = sized(
-        "its speed by the square root of its thrust, for simulators, (rad/s)/sqrt(N); default: "
-        "none",
+        "its speed divided by the square root of its thrust, for simulators, (rad/s)/sqrt(N); "
+        "default: none",
         missing=0.0,
         unit="rad/s/N^0.5",
     )
     command: Command = entry(
-        "what the rotor is commanded: a thrust, N, a speed, rad/s, or a throttle, 0 to 1", "thrust"
+        "kind of command: a thrust, N, a speed, rad/s, or a throttle, 0 to 1", "thrust"
     )
     thrust_curve: Sizes3 | None = number(
-        "thrust by speed or throttle: [k0, k1, k2] of k0 + k1 x + k2 x², {N}",
+        "thrust as a function of speed or throttle x: [k0, k1, k2] of k0 + k1 x + k2 x², {N}",
         name="thrust",
         ends=("0", "1", "2"),
     )
     thrust_constant: Positive | None = entry(
-        "thrust by the square of the speed, N/(rad/s)²; instead of a thrust_curve"
+        "thrust divided by the square of the speed, N/(rad/s)²; instead of a thrust_curve"
     )
     max_thrust: Positive | None = entry("thrust at a throttle of 1, N; instead of a thrust_curve")
     thrust_model_factor: Annotated[Real, Bounds(0.0, 1.0)] | None = entry(
@@ -216,13 +216,13 @@ class Rotor(Part):
         name="time",
     )
     hub_drag: NotNegative = entry(
-        "drag against the motion of its hub across its direction, by speed and air speed, kg", 0.0
+        "drag on its hub across its direction, per rotor speed and air speed, kg", 0.0
     )
     inflow: NotNegative = entry(
-        "loss of thrust with the air speed along its direction, by speed and air speed, kg", 0.0
+        "loss of thrust with air speed along its direction, per rotor speed and air speed, kg", 0.0
     )
     translational_lift: NotNegative = entry(
-        "gain of thrust by the square of the air speed across its direction, kg/m", 0.0
+        "gain of thrust per square of the air speed across its direction, kg/m", 0.0
     )
     disc_radius: Positive | None = entry("radius of the rotor disc, m; default: unknown")
     ground_effect: Flag = entry(
@@ -250,7 +250,10 @@ class Rotor(Part):
         if "speed_per_sqrt_thrust" in values and not any(key in values for key in uses):
             yield "speed_per_sqrt_thrust", "needs spin_inertia beside it: give both or none"
         if "spin_inertia" in values and values.get("drag", 0.0) == 0.0:
-            yield "spin_inertia", "needs a drag that is not 0: its sign tells which way it spins"
+            yield (
+                "spin_inertia",
+                "needs a drag other than 0, because its sign gives the direction of spin",
+            )
         either = "full_speed, or " if values.get("command") == "throttle" else ""
         for key in _BY_SPEED:
             if key in values and not _tells_speed(values):
@@ -274,14 +277,14 @@ class Rotor(Part):
         elif most <= begin:
             yield (
                 ("thrust_curve" if self.thrust_curve else cause,),
-                f"must let the thrust rise below the greatest {what}, {most:g}, but it rises from "
-                f"{begin:g} on",
+                f"lets the thrust rise only from {begin:g} on, beyond the greatest {what}, "
+                f"{most:g}; it must rise below that",
             )
         elif most > end:
             yield (
                 (cause,),
-                f"must not let the thrust fall, as it does beyond a {what} of {end:g}: give "
-                "command_limits that end there or before",
+                f"lets the thrust fall beyond a {what} of {end:g}; give command_limits that end "
+                "there or before",
             )
 
     def drive_parameters(self) -> dict[str, Parameter]:
@@ -391,13 +394,13 @@ def _drive_faults(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         words = "must be" if "command" in values else "missing: give"
         yield "command", f"{words} {right}; thrusts are commanded without {', '.join(others)}"
     elif command != "thrust" and "limits" in values:
-        yield "limits", f"are limits of a thrust: give command_limits, those of the {command}"
+        yield "limits", f"are limits of a thrust; give command_limits, the limits of the {command}"
     if command != "thrust" and len(curves) != 1:
         right_keys = "thrust_curve or thrust_constant"
         if command == "throttle":
             right_keys = "max_thrust, thrust_curve, or thrust_constant with full_speed"
         if curves:
-            yield curves[-1], f"must not stand beside {curves[0]}: give {right_keys}"
+            yield curves[-1], f"excludes {curves[0]}; give {right_keys}"
         else:
             yield "command", f"needs the thrust of the {command} beside it: give {right_keys}"
     if command == "throttle" and "thrust_constant" in values and "full_speed" not in values:
@@ -411,6 +414,6 @@ def _drive_faults(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if "time_constants" in values and "time_constant" in values:
         yield (
             "time_constants",
-            "must not stand beside time_constant: give time_constants where the rotor slows down "
-            "otherwise than it speeds up, or else time_constant",
+            "excludes time_constant; give time_constants if slowing down takes another time "
+            "than speeding up, else time_constant",
         )

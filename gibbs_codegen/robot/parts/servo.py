@@ -29,19 +29,21 @@ class Servo(Part):
         "else": {"required": ["stiffness"]},
     }
 
-    command: ServoCommand = entry("what it is commanded, a position or a rate", "position")
-    stiffness: Positive = sized("torque or force by distance, {N m/rad or N/m}", unsaid=0.0)
+    command: ServoCommand = entry("kind of command: a position or a rate", "position")
+    stiffness: Positive = sized(
+        "torque or force per distance from the reference, {N m/rad or N/m}", unsaid=0.0
+    )
     damping: NotNegative = number(
-        "torque or force against its rate, {N m s/rad or N s/m}; by the difference from the rate "
-        "that is commanded, if it is that",
+        "torque or force per rate, {N m s/rad or N s/m}; per difference from the commanded rate "
+        "if rates are commanded",
         0.0,
     )
     torque: Positive | None = sized(
         "greatest torque or force, {N m or N}; default: the joint's effort"
     )
     rate: Positive | None = sized(
-        "greatest rate of its reference, or that is commanded, {rad/s or m/s}; default: none, or "
-        "the velocity of the joint"
+        "greatest rate of its reference, or greatest commanded rate, {rad/s or m/s}; default: "
+        "none, or the velocity of the joint"
     )
     delay: NotNegative = sized(
         "time constant with which its reference follows the command, {s}", 0.0
@@ -62,13 +64,16 @@ class Servo(Part):
         if values.get("command") == "rate":
             for key in _OF_POSITIONS:
                 if key in values:
-                    yield key, "must be left out where rates are commanded, which it does not hold"
+                    yield key, "must be left out if rates are commanded"
             if values.get("damping", 0.0) == 0.0:
-                yield "damping", "must be given, above 0: by it the servo pushes towards a rate"
+                yield (
+                    "damping",
+                    "must be given, above 0, because it drives the servo towards a rate",
+                )
             return
         if values.get("command", "position") != "position":  # That is a fault by itself.
             return
         if "stiffness" not in values:
             yield "stiffness", cls._missing("stiffness")
         if "rate" in values and values.get("delay", 0.0) == 0.0:
-            yield "rate", "needs delay beside it, s: the time in which the reference comes to rest"
+            yield "rate", "needs delay beside it, s, the time in which the reference comes to rest"

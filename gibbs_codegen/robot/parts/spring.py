@@ -24,6 +24,6 @@ class Spring(Part):
     name: Label = entry("name of the spring, any text", ...)
     frame: Label = entry('the frame at one end: "base", "tip" or a name of a [[frame]]', ...)
     to: Label = entry("the frame at the other end, which joints move against the first", ...)
-    stiffness: NotNegative = number("force by the distance, {N/m}; 0: a damper", ...)
+    stiffness: NotNegative = number("force per distance, {N/m}; 0: a damper", ...)
     length: NotNegative = number("distance at which the spring is at rest, {m}", 0.0)
-    damping: NotNegative = number("force by the rate of that distance, {N s/m}", 0.0)
+    damping: NotNegative = number("force per rate of that distance, {N s/m}", 0.0)

@@ -44,14 +44,16 @@ class Disc(RigidBody):
 class WheelTable(Rolling):
     """A wheel of the base that rolls on level ground without slip, or a caster."""
 
-    elsewhere: ClassVar[str] = "; all wheels are on the base, and none steers"
+    elsewhere: ClassVar[str] = "; all wheels are on the base and do not steer"
     name: Label = entry("name of the wheel, any text", ...)
     joint: Label | None = entry("name of its angle in q; default: none, as of a caster")
     xyz: Sizes3 = entry("place of the centre in the frame of the base, m", ...)
     axis: Direction = entry("level axis of the angle, on the base", AXES["y"], written="y")
     mass: NotNegative = entry("mass of the wheel, kg", 0.0)
     inertia: NotNegative = entry("inertia of the wheel about its axis, kg m²", 0.0)
-    inertia_across: NotNegative | None = entry("that about diameters, kg m²; default: half of it")
+    inertia_across: NotNegative | None = entry(
+        "inertia about diameters, kg m²; default: half of inertia"
+    )
     damping: NotNegative = again(Passive, "damping")
     armature: NotNegative = again(Passive, "armature")
     effort: NotNegative | None = entry("greatest torque about the axis, N m; default: none")
@@ -62,12 +64,15 @@ class WheelTable(Rolling):
         if values.get("joint") is None:
             for key in _OF_JOINTS:
                 if key in values:
-                    yield key, "is of a wheel that turns: give it a joint, or leave this out"
+                    yield key, "applies to a wheel that turns; give it a joint, or leave this out"
 
     def _faults(self) -> Iterator[tuple[Place, str]]:
         """The fault of an axis that is not level."""
         if self.axis[2] != 0.0:
-            yield ("axis",), "must be level: no wheel of a base may lean, or turn about its height"
+            yield (
+                ("axis",),
+                "must be level; wheels of a base cannot lean or turn about a vertical axis",
+            )
 
     def link(self) -> Link:
         """The wheel as a link on the base, with its axis y and x ahead."""

@@ -519,7 +519,7 @@ class _PartOfBlock(_OfBlock):
         return FunctionBody([], lines)
 
 
-_LEFT_OUT = "Compilers leave out what is computed only for what nobody reads."
+_LEFT_OUT = "Compilers remove computations whose results are not used."
 
 
 def _in_place_of(part: _Parts, whole: _Parts) -> tuple[dict[str, int], list[str]]:

@@ -55,8 +55,9 @@ def law_files(model: Model, header: Lines) -> dict[str, str]:
         _check(robot, law, frames)
     if "state_filter" in model.laws and robot.acts_on_wheels:
         raise UsageError(
-            f"--laws state_filter: a spring or a rotor of {robot.name} turns with a wheel, by "
-            "whose angle nothing has derivatives; in the robot file put it on the base or a link"
+            f"--laws state_filter: a spring or a rotor of {robot.name} turns with a wheel, and "
+            "there are no derivatives by angles of wheels; move it to the base or a link in the "
+            "robot file"
         )
     functions, made = model_functions(model), []
     if laws:
@@ -84,7 +85,7 @@ def check_laws(laws: str | Sequence[str], targets: Sequence[str]) -> tuple[str, 
             choices = ", ".join(calls())
             raise UsageError(f"--laws {printable(law)}: unknown; known laws: {choices}")
     if laws and not {"c", "web"}.intersection(targets):
-        raise UsageError("--laws: laws are written in C, beside the target c; add --target c")
+        raise UsageError("--laws: laws need the target c; add --target c")
     return tuple(law for law in calls() if law in laws)
 
 
@@ -107,13 +108,12 @@ def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
     rows = [*along, *(3 + axis for axis in about)]
     if rows and not robot.rotors and not robot.wheels:
         raise UsageError(
-            f"--laws: {robot.name} has no rotors, which laws command; add rotors to the robot file"
+            f"--laws: laws command rotors, and {robot.name} has none; add rotors to the robot file"
         )
     rolls = robot.wheels or robot.base.drive
     if LAWS[law].calls and rolls:
         raise UsageError(
-            f"--laws {law}: needs functions of reference velocities, which robots on wheels do not "
-            f"have, as {robot.name}; choose another"
+            f"--laws {law}: does not support wheels, which {robot.name} has; choose another"
         )
     # Where joints move rotors, they command most in some posture.
     postures = tried_postures(robot) if carried_rotors(robot) else [None]
@@ -140,7 +140,7 @@ def _check(robot: Robot, law: str, frames: Sequence[str]) -> None:
         lacks, remedy = hindrances[law], choice
         if lacks is None:
             lacks = f"the law moves the frame tip, and the frames are {', '.join(frames)}"
-            remedy = 'name the frame that it is to move "tip", as a [[frame]] in the robot file'
+            remedy = 'add a [[frame]] named "tip" to the robot file'
         raise UsageError(f"--laws {law}: {robot.name}: {lacks}; {remedy}")
     lacks = f"those of {robot.name} command all directions" if robot.rotors else "there are none"
     if not full:

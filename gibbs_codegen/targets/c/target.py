@@ -69,7 +69,7 @@ def module_text(
             "CONSTANTS": len(program.constants),
         },
         "folded_lines": textwrap.wrap(
-            f"Zero in the robot file and therefore folded away: {folded}.", WIDTH - 6
+            f"Not parameters, because they are zero in the robot file: {folded}.", WIDTH - 6
         ),
         "parameters": [
             {**parameter, "macro": macro}
@@ -184,14 +184,13 @@ def _result_lines(description: Description) -> Lines:
     )
     if description.layout.is_quaternion:
         text += (
-            " No attitude makes them so. A quaternion that is not of unit length is normalised by "
-            f"{description.robot.name}_integrate only, if the square of its length is neither 0 "
-            "nor infinite."
+            f" No attitude makes them so. Only {description.robot.name}_integrate normalises a "
+            "quaternion, if the square of its length is neither 0 nor infinite."
         )
     elif len(description.layout.angle_axes) == 3:
         text += (
-            " No attitude angle makes them so: no floating-point number is an odd multiple of 90 "
-            "degrees, and close to those the functions are accurate."
+            " No attitude angle makes them so: no floating-point number is an odd multiple of "
+            "90 degrees, and near these angles the functions are accurate."
         )
     return textwrap.wrap(text, WIDTH - 4)
 
@@ -232,9 +231,9 @@ def _left_out_lines(model: Model) -> Lines:
     others = [name for name in missing if name not in derivatives]
     clauses = []
     if others:
-        clauses.append(f"{', '.join(others)}, which come with --functions")
+        clauses.append(f"{', '.join(others)}, which --functions adds")
     if derivatives:
         which = "derivatives" if len(derivatives) > _NAMED else ", ".join(derivatives)
-        clauses.append(f"{which}, which come with --derivatives")
+        clauses.append(f"{which}, which --derivatives adds")
     text = f"The module was generated without {'; and '.join(clauses)}." if clauses else ""
     return textwrap.wrap(text, WIDTH - 4)

@@ -29,12 +29,13 @@ _ROOM = 30_000
 _WORDS = {
     "u": "inputs, held through each step",
     "command": "commands, held through each step",
-    "gain": "times the way from the state to the desired one it is added to what is sent",
+    "gain": "gain: multiplied by the displacement from the state to the desired one, and added to "
+    "the inputs",
     "desired_q": "desired coordinates",
     "desired_v": "desired velocities",
     "desired_x": "desired states of actuators",
-    "least": "least of what is sent",
-    "most": "greatest of what is sent",
+    "least": "lower limits of the inputs",
+    "most": "upper limits of the inputs",
     "lag": "1, exp(-h / 2 T), exp(-h / T) of each rotor with the time constant T; or 0, 0, 0",
 }
 

@@ -94,13 +94,13 @@ def archives(model: Model, header: Lines, acting: tuple[str, ...] = ()) -> dict[
     of_wheels = [part for part, on in carried.items() if on in model.robot.wheels]
     if of_wheels:
         raise UsageError(
-            f"--target fmu: {of_wheels[0]} of {name} turns with a wheel, by whose angle FMUs have "
-            f"no derivatives; leave out fmu, or {of_wheels[0]}"
+            f"--target fmu: {of_wheels[0]} of {name} turns with a wheel, and FMUs have no "
+            f"derivatives by angles of wheels; leave out fmu, or {of_wheels[0]}"
         )
     if "constraints" in acting and model.robot.base.drive:
         raise UsageError(
-            f"--target fmu:constraints: {name} has a drive, with which constraints have no "
-            "derivatives; leave constraints out"
+            f"--target fmu:constraints: constraints of {name} have no derivatives, because its "
+            "base has a drive; leave constraints out"
         )
     if "constraints" in acting and not model.lists.get("CONSTRAINTS"):
         raise UsageError(
@@ -275,12 +275,12 @@ def _libraries(name: str, sources: Mapping[str, str]) -> tuple[dict[str, bytes],
     """The library in the places that FMI 3.0 and 2.0 have for it; none where none can be made."""
     folders = _FOLDERS.get((sys.platform, platform.machine()))
     if folders is None:
-        _log.warning("%s: the FMUs hold sources alone: FMI has no name for this system", name)
+        _log.warning("%s: the FMUs contain sources only: FMI has no name for this platform", name)
         return {}, {}
     try:
         library = portable_library(name, sources).read_bytes()
     except (CompilerError, CacheError) as error:
-        _log.warning("%s: the FMUs hold sources alone: %s", name, error)
+        _log.warning("%s: the FMUs contain sources only: %s", name, error)
         return {}, {}
     ending = "dylib" if sys.platform == "darwin" else "so"
     first, second = (

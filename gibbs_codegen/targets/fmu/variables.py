@@ -26,8 +26,8 @@ _OUTPUTS = {
     "frames.rotation": ("1", "axes of the frames in columns, world axes"),
     "frames.velocity": ("m/s", "velocities of the frames' origins, world axes"),
     "frames.angular_velocity": ("rad/s", "angular velocities of the frames, world axes"),
-    "imu.specific_force": ("m/s^2", "what accelerometers at the frames measure, their axes"),
-    "imu.angular_velocity": ("rad/s", "what gyroscopes at the frames measure, their axes"),
+    "imu.specific_force": ("m/s^2", "specific forces at the frames (accelerometers), their axes"),
+    "imu.angular_velocity": ("rad/s", "angular velocities of the frames (gyroscopes), their axes"),
     "loads.force": ("N", "forces through the joints of the bodies, at them, the bodies' axes"),
     "loads.torque": ("N m", "torques through the joints of the bodies, likewise"),
 }
@@ -37,19 +37,23 @@ _GIVEN: dict[str, tuple[str, float | tuple[float, ...], str]] = {
     "force": ("N", 0.0, "forces on the frames at their origins, world axes"),
     "torque": ("N m", 0.0, "torques on the frames, world axes"),
     "wind": ("m/s", 0.0, "velocity of the air, world axes"),
-    "drag": ("N s/m", 0.0, "coefficients of the drag of frames: force by velocity against the air"),
-    "rotational_drag": ("N m s/rad", 0.0, "coefficients of the drag of frames against turning"),
+    "drag": (
+        "N s/m",
+        0.0,
+        "drag coefficients of the frames: force per velocity relative to the air",
+    ),
+    "rotational_drag": ("N m s/rad", 0.0, "rotational drag coefficients of the frames"),
     "wall.ball_radius": ("m", 0.0, "radii of balls about the frames, which meet their walls"),
-    "wall.stiffness": ("N/m", 0.0, "force by depth in the wall of each frame; 0 is no wall"),
-    "wall.damping": ("N s/m", 0.0, "force by speed into the wall"),
-    "wall.dissipation": ("s/m", 0.0, "share by which the force grows with that speed"),
+    "wall.stiffness": ("N/m", 0.0, "stiffness of the wall of each frame; 0: no wall"),
+    "wall.damping": ("N s/m", 0.0, "damping: force per speed into the wall"),
+    "wall.dissipation": ("s/m", 0.0, "relative growth of the stiffness force with that speed"),
     "wall.friction": ("1", 0.0, "coefficients of friction"),
-    "wall.bristle_stiffness": ("N/m", 1e4, "force by the way along the wall of what sticks"),
-    "wall.bristle_damping": ("N s/m", 1e2, "force by speed along the wall of what sticks"),
+    "wall.bristle_stiffness": ("N/m", 1e4, "tangential stiffness of a sticking frame"),
+    "wall.bristle_damping": ("N s/m", 1e2, "tangential damping of a sticking frame"),
     "wall.point": ("m", (0.0, 0.0, 0.0), "a point of the wall of each frame, world axes"),
     "wall.normal": ("1", (0.0, 0.0, 1.0), "directions in which walls push, world axes"),
     "payloads": ("kg", 0.0, "masses at the origins of the frames"),
-    "active": ("1", 0.0, "1 where a constraint of the robot holds, else 0"),
+    "active": ("1", 0.0, "1 if a constraint of the robot is active, else 0"),
 }
 # Exponents of SI units in what units are made of; an hour is greater than a second by a factor.
 _SI: dict[str, dict[str, int]] = {
@@ -178,7 +182,7 @@ def _states(model: Model, system: System) -> Iterator[Variable]:
     values = [rest.get(coordinate.name, 0.0) for coordinate in actuators]
     yield from _parted("actuators", "state", actuators, values)
     if "walls" in system.acting:
-        words = "what holds frames that stick to their walls: how far it is stretched, world axes"
+        words = "tangential stretch of frames that stick to their walls, world axes"
         start = (0.0,) * (3 * len(description.frames))
         yield Variable("bristles", "state", 0, "m", words, (description.frames, AXES), start)
 

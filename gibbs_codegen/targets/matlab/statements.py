@@ -135,7 +135,7 @@ def check_names(model: Model) -> None:
         )
     for name in sorted(robot_names):
         if variable(name) != name and variable(name) in robot_names:
-            raise _refusal(f"{name} would be {variable(name)}, which is there already")
+            raise _refusal(f"{name} would be {variable(name)}, which exists already")
 
 
 def _refusal(why: str) -> UsageError:

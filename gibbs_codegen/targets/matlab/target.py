@@ -248,15 +248,15 @@ def help_text(
         for a, shape in places
     ]
     takes.append(
-        f"constants  {_size((constants,))}: what {description.robot.name}.prepare() returns; those "
-        "of the default parameters if omitted"
+        f"constants  {_size((constants,))}: result of {description.robot.name}.prepare(); "
+        "default: the constants of the default parameters"
     )
     returns = [
         f"{output.name}  {_size(sizes)}: {output_text(description, output)}"
         for output, sizes in zip(row.outputs, signature.shapes, strict=True)
     ]
     sections = {
-        "Arguments, of k states each, or of one that serves for all:": takes,
+        "Arguments, for k states each, or for one state that serves all:": takes,
         "Results:": returns,
         f"Source: {row.source}. {work}.": [],
     }

@@ -54,7 +54,7 @@ def test_commands_beyond_their_limits_are_told(module: ModuleType) -> None:
     [words] = found.beyond_limits
     assert words.startswith("throttle_front_left is 1.")
     assert words.endswith("above its limit of 1")
-    with pytest.warns(RuntimeWarning, match=rf"u: {words}, beyond which nothing follows"):
+    with pytest.warns(RuntimeWarning, match=rf"u: {words}, where motors do not follow"):
         linearise(module, found)
 
 
@@ -109,5 +109,5 @@ def test_states_of_actuators_are_asked_for_by_name(module: ModuleType) -> None:
         UsageError, match=r"x \(throttle_front_left, .*, charge\): must be 6 finite numbers"
     ):
         linearise(module, at.q, at.v, at.command, x=[1.0])
-    with pytest.raises(UsageError, match="a trim has its own"):
+    with pytest.raises(UsageError, match="a trim already has them"):
         linearise(module, at, x=at.x)

@@ -114,11 +114,11 @@ def test_a_trim_stands_for_its_state(differentiated: Load) -> None:
 def test_a_trim_is_given_alone_and_of_the_same_robot(differentiated: Load) -> None:
     module = differentiated("quadrotor")
     found = trim(module)
-    with pytest.raises(UsageError, match="v, u: a trim has its own"):
+    with pytest.raises(UsageError, match="v, u: a trim already has them"):
         linearise(module, found, found.v)
-    with pytest.raises(UsageError, match="q, v, u: give all three, or a trim in the place of q"):
+    with pytest.raises(UsageError, match="q, v, u: give all three, or a trim as q"):
         linearise(module, found.q, found.v)
-    with pytest.raises(UsageError, match="the trim is of quadrotor, not of hexarotor_3link"):
+    with pytest.raises(UsageError, match="the trim belongs to quadrotor, not to hexarotor_3link"):
         linearise(differentiated("hexarotor_3link"), found)
 
 
@@ -209,7 +209,7 @@ def test_whatever_acts_is_as_in_flights(name: str) -> None:
         assert all(np.isfinite(matrix).all() for matrix in models)
     if name == "held":
         idle = read_scenario("hover", {"hold": [{"constraint": "stand", "idle": True}]})
-        with pytest.raises(UsageError, match="surroundings: a hold idles the motors"):
+        with pytest.raises(UsageError, match="surroundings: a hold stops the motors"):
             linearise(module, q, v, u, surroundings=idle, **lag)
 
 

@@ -94,7 +94,8 @@ def test_motions_that_the_weights_leave_free_are_named(differentiated: Load) -> 
     weights[[6, 15]] = 0.0
     for dt in (None, 0.01):
         with pytest.raises(
-            UsageError, match=r"Q leaves free what does not decay by itself: x and the "
+            UsageError,
+            match=r"Q gives no weight to states that do not decay by themselves: x and the ",
         ):
             lqr(module, found, Q=weights, R=np.ones(9), dt=dt)
 
@@ -121,7 +122,7 @@ def test_weights_that_make_no_cost_are_refused(
 
 def test_weights_are_needed(differentiated: Load) -> None:
     module = differentiated("quadrotor")
-    with pytest.raises(UsageError, match="Q, R: give the weights of deviations and those of inpu"):
+    with pytest.raises(UsageError, match="Q, R: missing; give weights of deviations"):
         lqr(module, trim(module), Q=np.ones(12))
 
 

@@ -204,7 +204,7 @@ def test_joints_follow_the_scenario_while_the_base_falls_and_turns(fast: Load) -
 
 
 def test_what_outputs_are_shares_of_must_be_known(fast: Load) -> None:
-    with pytest.raises(UsageError, match=r"theta_7.* -1 to 1; give limits .* or arm\.limits"):
+    with pytest.raises(UsageError, match=r"theta_7.* -1 to 1 .*; give limits .* or arm\.limits"):
         machine(fast("hexarotor_3link"), servos=True, motors={"limits": [0, 20]})
     with pytest.raises(UsageError, match=r"F_1.*give limits in the robot file, or motors\.limits"):
         machine(fast("hexarotor_3link"))

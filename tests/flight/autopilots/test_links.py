@@ -236,11 +236,11 @@ def test_packets_that_are_lost_repeated_foreign_or_garbage(fast: Load) -> None:
     with beside(talk) as times:
         session = fly(found, made, 1.0, 0.0)
     assert times[0] == pytest.approx([0.0, 0.01, 0.01, 0.02])
-    assert "ArduPilot began anew, with packet 1 after 5; start this again as well" in session.ended
+    assert "ArduPilot restarted (packet 1 after 5); restart this command too" in session.ended
     assert session.notes == [
         "2 of the packets of ArduPilot were lost",
         "9 of the packets were not ArduPilot's",
-        "6 of the packets came from elsewhere, from another program or one that had begun anew, "
+        "6 of the packets came from another program, or from one that had restarted, "
         "and were left aside",
     ]
 
@@ -261,7 +261,7 @@ def test_a_second_client_and_garbage_do_not_disturb_px4(fast: Load) -> None:
         assert other.recv(100) == b""
     assert (session.ended, session.notes) == (
         "",
-        ["1 of those that wanted to connect were turned away"],
+        ["1 of the connections were refused"],
     )
 
 
@@ -311,5 +311,5 @@ def test_ctrl_c_ends_the_flight_and_its_record_is_written(shipped: Load, tmp_pat
     finally:
         signal.signal(signal.SIGINT, before)
     assert done.returncode == 0, done.stderr
-    assert done.stderr.endswith("at t = 0.2 s it was ended by Ctrl-C\n")
+    assert done.stderr.endswith("Ctrl-C ended it at t = 0.2 s\n")
     assert read_flight(tmp_path / "flown" / "flight.npz").time[-1] == pytest.approx(0.2)

@@ -317,13 +317,13 @@ def test_a_machine_that_tumbles_ends_with_the_reason_and_its_data(
 
 
 def test_without_gravity_nothing_tells_how_the_base_must_lean(fast: Load) -> None:
-    words = (
-        r"quadrotor: at t = 0 s .*nothing tells how the base must lean; give parameters\.gravity"
-    )
+    words = r"quadrotor: at t = 0 s .*determines how the base leans; set parameters\.gravity"
     with pytest.raises(UsageError, match=words):
         simulate(fast("quadrotor"), read_scenario("hover", {"parameters": {"gravity": 0}}))
     vehicle = Vehicle(fast("quadrotor"), {"gravity": 0})
-    with pytest.raises(UsageError, match="needs no thrust, and without thrust nothing tells"):
+    with pytest.raises(
+        UsageError, match="needs no thrust, and the direction of the thrust determines"
+    ):
         law_of(vehicle, resting(vehicle, vehicle.neutral))
 
 

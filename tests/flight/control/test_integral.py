@@ -84,6 +84,6 @@ def test_nothing_winds_up_at_limits(fast: Load) -> None:
 
 @pytest.mark.parametrize("robot", ["hexarotor"])
 def test_integral_action_that_makes_errors_grow_is_refused(robot: str, fast: Load) -> None:
-    message = r"control\.integral: 10 1/s makes errors grow; must be below 10 1/s"
+    message = r"control\.integral: 10 1/s makes errors grow; give less than 10 1/s"
     with pytest.raises(UsageError, match=message):
         simulate(fast(robot), hover(1.0, control={"integral": 10.0}))

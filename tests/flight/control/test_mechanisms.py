@@ -86,7 +86,7 @@ def test_trims_are_of_closed_loops_and_open_loop_torques_hold_them() -> None:
     flight = simulate(module, read_scenario(tables))
     assert np.abs(flight.q - flight.q_desired).max() < 1e-8
     assert not flight.impact_summaries
-    with pytest.raises(UsageError, match="the predictive law does not know loops"):
+    with pytest.raises(UsageError, match="the predictive law does not support loops"):
         simulate(module, read_scenario(tables | {"control": {"law": "predictive"}}))
 
 
@@ -111,7 +111,10 @@ def test_torques_and_fastest_motions_are_of_closed_loops() -> None:
 
 def test_linear_models_of_mechanisms_hold_loops_or_warn() -> None:
     soft = text_of('"fixed"').replace('"spherical"', '"spherical"\nfrequency = 5')
-    for text, words in ((text_of('"fixed"'), "hold loops, by constraints with a freq"), (soft, "")):
+    for text, words in (
+        (text_of('"fixed"'), "keep loops closed by constraints with a freq"),
+        (soft, ""),
+    ):
         module = module_with_derivatives(parse_robot(text.replace("four_bar", f"b{len(text)}")))
         hover = trim(module)
         with pytest.warns(RuntimeWarning, match="loops open: closure; give surroundings"):
@@ -132,11 +135,14 @@ def test_loops_that_are_open_or_out_of_reach_are_told(caplog: pytest.LogCaptureF
     simulate(module, read_scenario(tables))
     for span in ({"begin": 0.01}, {"end": 0.01}, {}):  # All of it is held by the last alone.
         simulate(module, read_scenario(tables | {"hold": [{"constraint": "closure", **span}]}))
-    told = "four_bar_7: moves with its loops open: closure; give the scenario a [[hold]] of each"
+    told = "four_bar_7: moves with its loops open: closure; give the scenario a [[hold]] for each"
     assert [message.startswith(told) for message in caplog.messages] == 3 * [True]
     for arm, words in (
-        ({"tip": {"kind": "fixed", "position": [0.3, 0, 0.3]}}, "a path cannot lead frames of"),
-        ({"posture_deg": {"crank": 180}}, "t = 0 s its loops do not close with"),
+        (
+            {"tip": {"kind": "fixed", "position": [0.3, 0, 0.3]}},
+            "cannot follow paths, because its loops",
+        ),
+        ({"posture_deg": {"crank": 180}}, "t = 0 s its loops do not close at"),
         ({"moves_deg": {"rocker": [{"to": 9, "duration": 0.01}]}}, "rocker: this joint of"),
     ):
         with pytest.raises(UsageError, match=words):
@@ -170,7 +176,7 @@ def test_loops_close_as_near_as_they_can_to_what_is_asked(caplog: pytest.LogCapt
     assert not caplog.messages
     simulate(module, read_scenario(tables | {"arm": {"posture_deg": {"rocker": -100}}}))
     assert caplog.messages == [
-        "four_bar_7: arm.posture: closed loops put joints without a drive elsewhere: rocker"
+        "four_bar_7: arm.posture: closed loops determine joints without a drive: rocker"
     ]
 
 
@@ -202,7 +208,7 @@ def test_loops_that_do_not_tell_how_joints_move_are_refused() -> None:
     tables = {"name": "turn", "duration": 1, "hold": [{"constraint": "closure"}]}
     for robot, arm, words in (
         (same, turn, "s loops closure do not lead coupler, rocker; they pass a dead centre"),
-        (free, {}, "t = 0 s loops closure leave a freedom to rod; let a drive"),
+        (free, {}, "t = 0 s loops closure do not determine rod; give"),
     ):
         module = emitted_module(parse_robot(robot), "default", "constraints")
         with pytest.raises(UsageError, match=words):

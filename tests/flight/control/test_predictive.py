@@ -428,7 +428,7 @@ def test_what_is_wrong_is_told(module: ModuleType) -> None:
     rest: Any
     for rest in (Rest(np.zeros(3), np.zeros(2)), None):
         with pytest.raises(
-            UsageError, match=r"hover\.q: must be \d+ finite numbers: hover is a state"
+            UsageError, match=r"hover\.q: must be \d+ finite numbers; hover is a state"
         ):
             Predictive(module, rest)
     robot: Any
@@ -603,7 +603,7 @@ def test_the_last_plan_is_followed_until_its_end(module: ModuleType) -> None:
         u = controller.inputs(k * controller.step, q, unknown)
         np.testing.assert_allclose(u, planned[min(k - 1, controller.nodes - 1)], rtol=1e-9)
         assert not controller.log[-1].solved
-    with pytest.raises(NoPlanError, match=r"no plan for 20 instants, 0.4 s"):
+    with pytest.raises(NoPlanError, match=r"no plan was found for 20 instants, 0.4 s"):
         controller.inputs(0.4, q, unknown)
     controller.reset()
     controller.inputs(0.0, q, v)
@@ -664,7 +664,7 @@ def test_it_pushes_on_walls_that_it_knows(module: ModuleType) -> None:
     with pytest.raises(UsageError, match=r"at 0\.\d+ s no \[\[wall\]\] faces the push; give"):
         simulate(module, read_scenario("hover", changes))
     changes["wall"] = []
-    with pytest.raises(UsageError, match="no \\[\\[wall\\]\\] has the frame that pushes"):
+    with pytest.raises(UsageError, match="needs a \\[\\[wall\\]\\] for the frame that pushes"):
         simulate(module, read_scenario("hover", changes))
 
 
@@ -744,7 +744,7 @@ def test_it_does_not_push_against_servos(driven: ModuleType) -> None:
         "control": {"law": "predictive", "force": force, "impedance": {"frame": "base"}},
         "wall": [wall],
     }
-    with pytest.raises(UsageError, match=r"control\.force: .* servos hold .*: leave them out"):
+    with pytest.raises(UsageError, match=r"control\.force: .* servos drive .*; remove these"):
         simulate(driven, read_scenario("hover", changes))
 
 
@@ -833,7 +833,7 @@ def test_what_acts_is_foreseen_as_it_is_flown(kept: Path) -> None:
     simulation = Simulation(module, scene)
     simulation.reset(q, v)
     simulation.advance(u, h)
-    with pytest.raises(UsageError, match="walls: act besides those"):
+    with pytest.raises(UsageError, match="walls: `surroundings` has this wall already"):
         Predictive(module, Rest(q, u), step=h, nodes=2, surroundings=scene, walls=scene.walls)
     controller = Predictive(module, Rest(q, u), step=h, nodes=2, surroundings=scene)
     given = inputs_of(controller, 0) | {"u": u, "x": np.r_[q, v], "x_next": np.r_[q, v], "h": h}

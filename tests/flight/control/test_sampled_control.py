@@ -532,5 +532,5 @@ def test_a_controller_that_takes_most_of_the_time_is_told(
     flight = simulate(fast("quadrotor"), hover(0.01), slow)
     assert not flight.stopped
     told = [line for line in caplog.messages if "the controller took" in line]
-    words = "quadrotor: the controller took 3.0 s of the 3.0 s that its flight was computed (100 %)"
+    words = "quadrotor: the controller took 3.0 s of the 3.0 s of computing (100 %)"
     assert told == ([words] if said else [])

@@ -110,5 +110,5 @@ def test_ends_and_rests_are_at_rest_and_as_long_as_they_were() -> None:
 
 def test_a_motion_longer_than_a_flight_may_be_is_refused() -> None:
     found = arc(LINE, 4.0)
-    with pytest.raises(UsageError, match=r"takes .* s, longer than a flight may be"):
+    with pytest.raises(UsageError, match=r"takes .* s, and a flight at most"):
         Clock(found, even(found, 1e-7), 0.005, 0.0)

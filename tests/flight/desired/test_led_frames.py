@@ -79,7 +79,7 @@ def test_frames_keep_to_their_paths_without_lateral_force(
     [
         ("quadrotor_arm_2link", {"frames": {"tipp": ROUND}}, "arm.frames.tipp: .* mean tip"),
         ("dual_arm", {"frames": {"base": ROUND}}, "arm.frames.base: no joint"),
-        ("hexarotor_3link", {"frames": {"tip": ROUND}}, "only a base that leans"),
+        ("hexarotor_3link", {"frames": {"tip": ROUND}}, "only robots whose base leans"),
     ],
 )
 def test_frames_that_cannot_be_led_are_refused(

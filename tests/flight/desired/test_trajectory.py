@@ -54,7 +54,7 @@ def test_past_the_axis_of_a_joint_the_tip_keeps_to_its_path(hexa: Vehicle, aside
 
 def test_too_near_past_the_axis_is_refused(hexa: Vehicle) -> None:
     with pytest.raises(
-        UsageError, match=r"at t = 0\.\d+ s the arm.*off by \S+ m; slow it .* axes of joints"
+        UsageError, match=r"at t = 0\.\d+ s the arm.*off by \S+ m; slow it .* joint axes"
     ):
         desired_motion(hexa, beside([1.5, 1e-4, -3], [-1.5, 1e-4, -3]))
 

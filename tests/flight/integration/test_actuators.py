@@ -126,13 +126,13 @@ def test_joints_have_gains_of_their_own_but_where_servos_hold_them(module: Modul
     places = [module.VELOCITIES.index(name) for name in ("upper", "slider", "wrist")]
     np.testing.assert_array_equal(gains.stiffness[places], [0.0, 0.0, 400.0])
     np.testing.assert_array_equal(gains.damping[places], [0.0, 0.0, 20.0])
-    with pytest.raises(UsageError, match=r"control\.joints\.upper: a servo holds the joint"):
+    with pytest.raises(UsageError, match=r"control\.joints\.upper: a servo drives the joint"):
         simulate(module, hover(control={"joints": {"upper": {"frequency": 20.0}}}))
     with pytest.raises(UsageError, match="elbow: actuated has no joint elbow"):
         simulate(module, hover(control={"joints": {"elbow": {"frequency": 20.0}}}))
     with pytest.raises(UsageError, match=r"motors\.time_constant: the robot file of actuated says"):
         simulate(module, hover(motors={"time_constant": 0.05}))
-    with pytest.raises(UsageError, match=r"arm\.effort\.slider: a servo pushes the joint"):
+    with pytest.raises(UsageError, match=r"arm\.effort\.slider: a servo drives the joint"):
         simulate(module, hover(arm={"effort": {"slider": 1.0}}))
 
 

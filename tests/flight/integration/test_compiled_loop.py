@@ -303,7 +303,7 @@ def test_without_a_compiler_python_takes_the_steps(
     closed = closed_loop_of(modules("hexarotor"))
     monkeypatch.setenv("CC", "no_such_compiler")
     assert CompiledLoops(closed, np.inf).at(NOTHING) is None
-    assert "steps are taken in Python instead of C" in caplog.text
+    assert "steps run in Python instead of C" in caplog.text
 
 
 @pytest.mark.parametrize(

@@ -46,10 +46,10 @@ def test_readings_and_commands_are_in_si_units_and_a_gap_cuts_them(log: Path, ca
 
 
 def test_a_flight_needs_a_pose(log: Path) -> None:
-    with pytest.raises(UsageError, match="does not tell where the base is"):
+    with pytest.raises(UsageError, match="does not contain the pose of the base"):
         read_log("quadrotor", log)
     with pytest.raises(UsageError, match="names: imu: logs of a Crazyflie"):
         read_log("quadrotor", log, {"imu": "/imu"})
     log.write_bytes(log.read_bytes()[:30])
-    with pytest.raises(UsageError, match="is not a log that can be read"):
+    with pytest.raises(UsageError, match="cannot be read as a log"):
         read_log("quadrotor", log)

@@ -73,12 +73,12 @@ def test_biases_of_a_log_are_found(vehicle: Vehicle, recorded: Recorded) -> None
 
 def test_what_a_log_lacks_is_said(vehicle: Vehicle, recorded: Recorded) -> None:
     for changes, words in (
-        ({"control.filter.by": "model"}, "no series of F_front_left, .*, by which the model moves"),
+        ({"control.filter.by": "model"}, "has no F_front_left, .*, which the model needs"),
         (
             {"sensors.barometer": [{}]},
             "no readings of barometer at base, but pose at base, imu at base",
         ),
-        ({"sensors.pose": [{}, {"name": "b"}]}, "pose: b reads the same of the log as pose does"),
+        ({"sensors.pose": [{}, {"name": "b"}]}, "pose: b and pose read the same data of the log"),
     ):
         with pytest.raises(UsageError, match=words):
             flight_of_log(vehicle, recorded, "log", None, None, read_scenario(SCENARIO, changes))

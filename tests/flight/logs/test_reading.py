@@ -239,9 +239,9 @@ def test_topics_of_other_names_and_kinds(shipped: Modules, tmp_path: Path) -> No
         ({"wrist": "elbow"}, "names: wrist: is none of F_front_left"),
         ({"spin": "/arm"}, "names: spin: is none of F_front_left"),
         ({"F_front_left": "left"}, "mocap: has no left, named for F_front_left"),
-        ({"joints": 3.0}, "names: joints: must be the name that the log has for it, not 3.0"),
-        ({"forearm": [1, 2]}, "names: forearm: must be .* the number at which it stands, not an"),
-        ({"forearm": None}, "names: forearm: must be .* the number at which it stands"),
+        ({"joints": 3.0}, "names: joints: must be its name in the log, not 3.0"),
+        ({"forearm": [1, 2]}, "names: forearm: must be .* or a number, where it stands, not an"),
+        ({"forearm": None}, "names: forearm: must be .* or a number, where it stands"),
     ):
         with pytest.raises(UsageError, match=message):
             gibbs_codegen.read_log(module, tmp_path / "mocap", names | wrong)
@@ -253,9 +253,9 @@ def test_what_is_no_log_is_refused(
     name: str, text: bytes, shipped: Modules, tmp_path: Path
 ) -> None:
     (tmp_path / name).write_bytes(text)
-    with pytest.raises(UsageError, match=f"{name}: (is not a log that can be read|has no )"):
+    with pytest.raises(UsageError, match=f"{name}: (cannot be read as a log|has no )"):
         gibbs_codegen.read_log(shipped("quadrotor_arm_2link"), tmp_path / name)
-    with pytest.raises(UsageError, match="none: is not there; give a log"):
+    with pytest.raises(UsageError, match="none: does not exist; give a log"):
         gibbs_codegen.read_log(shipped("quadrotor_arm_2link"), tmp_path / "none")
     (tmp_path / "flight.npz").touch()
     with pytest.raises(UsageError, match="is a flight already"):
@@ -270,7 +270,7 @@ def test_a_gap_is_told_and_tables_without_rows_are_none(
     lines = table.read_text(encoding="utf-8").splitlines(keepends=True)
     table.write_text("".join(lines[:60] + lines[160:]), encoding="utf-8")
     gibbs_codegen.read_log(module, tmp_path / "tables", rate=200.0)
-    assert "position is not known for 0.202 s after 0.116 s; a spline goes across" in caplog.text
+    assert "position is not known for 0.202 s after 0.116 s; a spline fills the gap" in caplog.text
     table.write_text(lines[0] + "1,2\n", encoding="utf-8")
     with pytest.raises(
         UsageError, match="no vehicle_local_position that gives the position of the base"

@@ -146,7 +146,7 @@ def test_imus_of_the_robot_take_the_place_of_the_exact_one(
 
 def test_what_is_in_the_way_is_left_alone(flight: Flight, tmp_path: Path) -> None:
     (tmp_path / "there").mkdir()
-    with pytest.raises(UsageError, match="there: is there already; choose another name"):
+    with pytest.raises(UsageError, match="there: exists already; choose another name"):
         gibbs_codegen.write_log(flight, tmp_path / "there")
     with pytest.raises(UsageError, match="'bag': unknown; known: mcap, csv"):
         gibbs_codegen.write_log(flight, tmp_path / "new", "bag")

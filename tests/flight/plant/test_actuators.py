@@ -130,7 +130,7 @@ def test_a_link_that_a_gear_moves_is_not_called_unknown(tmp_path: Path) -> None:
     path = tmp_path / "actuated.toml"
     geared = '[[link]]\nname = "jaw"\nxyz = [0, 0, 0]\nmass = 0.1\ninertia = [1, 1, 1, 0, 0, 0]\n'
     path.write_text(f'{TEXT}{geared}gear = {{ of = "upper", ratio = 1 }}\n', encoding="utf-8")
-    with pytest.raises(UsageError, match="no joint jaw: that link moves by a gear or a joint of"):
+    with pytest.raises(UsageError, match="no joint jaw: that link moves by a gear, or its joint"):
         joint_place(robot_data(path), "jaw")
 
 
@@ -142,11 +142,11 @@ def test_thrusts_that_no_command_makes_are_no_limits(tmp_path: Path) -> None:
     found = actuators_of(robot, hover(motors={"limits": [0.11, 9]}))
     assert found.thrusts.tolist() == [[0.11] * 4, [9] * 4]
     for limits in ((0.11, 30), (0, 9)):
-        with pytest.raises(UsageError, match=r"every rotor of actuated .* 0\.11 to 9 N; give"):
+        with pytest.raises(UsageError, match=r"the rotors of actuated .* 0\.11 to 9 N; give"):
             actuators_of(robot, hover(motors={"limits": limits}))
     # 1.2e-5 (1000)² − 2e-4 (1000) + 0.01 N is more than 9 N.
     path.write_text(TEXT.replace("[100, 900]", "[1000, 1200]"), encoding="utf-8")
-    with pytest.raises(UsageError, match=r"one makes 11\.81 N or more, one 9 N or less; leave"):
+    with pytest.raises(UsageError, match=r"one makes at least 11\.81 N and one at most 9 N; leave"):
         actuators_of(robot_data(path), hover(motors={"limits": (9, 12)}))
 
 

@@ -453,7 +453,7 @@ def test_a_machine_that_leans_comes_to_stand_on_all_of_its_feet(block: ModuleTyp
     ("changes", "words"),
     [
         ({"wall": []}, r"start.settled: there is no \[\[wall\]\]"),
-        ({"wall": [FLOOR | {"height": -1.0}]}, r"start.settled: within 0.5 m .* no wall carries"),
+        ({"wall": [FLOOR | {"height": -1.0}]}, r"start.settled: no wall within 0.5 m .* carries"),
     ],
 )
 def test_a_start_where_nothing_rests_is_refused(
@@ -556,8 +556,8 @@ def test_rollouts_refuse_what_are_no_walls(walls: Any, block: ModuleType) -> Non
 @pytest.mark.parametrize(
     ("own", "words"),
     [
-        ({"frame": []}, r"wall 1: frame: must have at least one name, and none twice"),
-        ({"frame": ["a", "a"]}, r"wall 1: frame: must have at least one name, and none twice"),
+        ({"frame": []}, r"wall 1: frame: must have at least one name, each once"),
+        ({"frame": ["a", "a"]}, r"wall 1: frame: must have at least one name, each once"),
         ({"frame": ["a", 3]}, r"wall 1: frame: must be a list of names, not of a number"),
         ({"frame": 3}, r"wall 1: frame: must be a name, or a list of names, not a number"),
         ({"frame": [str(k) for k in range(21)]}, r"wall 1: frame: 21 names; give at most 20"),

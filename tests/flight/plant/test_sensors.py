@@ -247,7 +247,7 @@ def test_sensors_alone_change_no_flight(fast: Load) -> None:
 @pytest.mark.parametrize(
     ("robot", "sensors", "words"),
     [
-        (ARM, {"imu": [{}, {}]}, "there is a sensor imu already; give each a name of its own"),
+        (ARM, {"imu": [{}, {}]}, "there is a sensor imu already; give each a unique name"),
         (ARM, {"gps": [{"name": "2nd"}]}, "and begin with a letter"),
         (
             ARM,
@@ -260,7 +260,7 @@ def test_sensors_alone_change_no_flight(fast: Load) -> None:
             "imu: quadrotor_arm_2link has no frame tipp; did you",
         ),
         ("quadrotor", {"encoders": [{}]}, "sensors.encoders: encoders: quadrotor has no joints"),
-        (ARM, {}, "sensors: there are none"),
+        (ARM, {}, "sensors: missing; declare"),
         (ARM, {"gps": [{}], "imu": [{"rate": 1e9}]}, "imu 1: rate: must be from 0.1 to 100000"),
         (ARM, {"gps": [{"rate": 1e4}]}, "gps 1: rate: more than 5000000 readings in 3000 s"),
     ],

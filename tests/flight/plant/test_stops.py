@@ -247,7 +247,7 @@ def test_what_cannot_rebound_is_refused(ball: ModuleType) -> None:
     with pytest.raises(ScenarioFileError, match=r"restitution"):
         bouncing(hold=[{"constraint": "floor", "restitution": 1.2}])
     held = FILES["ball.toml"].replace('type  = "plane"', 'type = "point"').replace("ball", "pinned")
-    with pytest.raises(UsageError, match="hold 1: restitution: is for a plane or a distance"):
+    with pytest.raises(UsageError, match="hold 1: restitution: applies to a plane or a distance"):
         simulate(module_of(held, "numpy"), bouncing())
 
 
@@ -306,4 +306,4 @@ def test_the_command_tells_impacts(tmp_path: Any, capsys: pytest.CaptureFixture[
     assert main(["simulate", robot, "--scenario", scene, "--out", out, "--no-figures"]) == 0
     printed = capsys.readouterr().out
     assert "impact at t = 0.4515 s: floor 3.99 N s; kinetic energy from 4.9 J to 3.14 J" in printed
-    assert "and 36 more impacts: `impacts` of the flight has all" in printed
+    assert "and 36 more impacts: see `impacts` of the flight" in printed

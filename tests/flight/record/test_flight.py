@@ -46,7 +46,7 @@ def test_a_flight_says_that_commands_of_motors_chatter(flight: Flight) -> None:
     for commanded in (once, quiet, 1e-20 * every):
         assert dataclasses.replace(flight, commanded=commanded).notes == ()
     (note,) = dataclasses.replace(flight, commanded=every).notes
-    assert re.match(r"Commands of motors chatter: in 9\d% of the samples .* F_2 most often", note)
+    assert re.match(r"Motor commands chatter: in 9\d% of the samples .*\(F_2 most often", note)
 
 
 def test_a_flight_says_that_it_ends_far_from_its_path_or_overturned(flight: Flight) -> None:
@@ -60,10 +60,10 @@ def test_a_flight_says_that_it_ends_far_from_its_path_or_overturned(flight: Flig
     turned[-1, flight.layout.q.attitude] *= [1.0, -1.0, -1.0]
     turned[-1, flight.layout.q.attitude] += [np.pi, 0.0, 0.0]
     lost = dataclasses.replace(flight, centre_desired=far)
-    assert lost.notes == ("The base ends 2 m from where it was to be.",)
+    assert lost.notes == ("The base ends 2 m from its desired position.",)
     asked = flight.commanded[-1]
     limited = dataclasses.replace(lost, input_limits=np.stack([asked - 1.0, asked]))
-    assert "at their limits; control may be lost, and a smaller integration" in limited.notes[0]
+    assert "at their limits; control may be lost (a smaller integration" in limited.notes[0]
     spared = dataclasses.replace(lost, input_limits=np.stack([asked, asked]))
     assert spared.notes == lost.notes
     over = dataclasses.replace(flight, q=turned)
@@ -183,7 +183,7 @@ def test_what_is_no_flight_is_refused(flight: Flight, tmp_path: Path) -> None:
         "../": "Is a directory",
     }.items():
         path = tmp_path / f"{name}.npz" if name.isalpha() else tmp_path
-        words = f"^{re.escape(str(path))}: is not a flight that was saved: {why}.*; give the flight"
+        words = f"^{re.escape(str(path))}: is not a saved flight: {why}.*; give a flight"
         with pytest.raises(UsageError, match=words):
             read_flight(path)
 
@@ -204,7 +204,7 @@ def test_a_damaged_file_is_told(flight: Flight, tmp_path: Path) -> None:
         try:
             read_flight(path)
         except UsageError as error:
-            refused += "damaged.npz: is not a flight that was saved: " in str(error)
+            refused += "damaged.npz: is not a saved flight: " in str(error)
     assert refused > 100
 
 
@@ -230,6 +230,6 @@ def test_a_malformed_field_is_told(
         value = flight.time[::-1]
     with np.load(tmp_path / "good.npz") as stored:
         np.savez(tmp_path / "bad.npz", **{**stored, name: np.array(value)})
-    words = rf"bad\.npz: is not a flight that was saved: (its )?{name}"
+    words = rf"bad\.npz: is not a saved flight: (its )?{name}"
     with pytest.raises(UsageError, match=words):
         read_flight(tmp_path / "bad.npz")

@@ -151,7 +151,7 @@ def test_what_the_file_says_is_not_said_again(module: ModuleType) -> None:
     words = (
         r"\(6,\) or \(states, 6\)"
         if module.ACTUATOR_STATES
-        else "x0: actuators of at_once have no states"
+        else "x0: the actuators of at_once have no states"
     )
     with pytest.raises(UsageError, match=words):
         rollout(module, **given, x0=[1.0, 2.0])

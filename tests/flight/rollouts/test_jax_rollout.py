@@ -158,7 +158,7 @@ def test_wrong_values_are_told_where_they_are_known(jax_module: ModuleType) -> N
         rollout(jax_module, **given | {"v0": jnp.asarray(given["v0"]).at[1, 0].set(jnp.nan)})
     with pytest.raises(UsageError, match="masses and inertias that are zero or negative"):
         rollout(jax_module, **given | {"parameters": {"link1_mass_per_length": -5.0}})
-    with pytest.raises(UsageError, match="precision: with JAX it is what JAX is set to"):
+    with pytest.raises(UsageError, match="precision: JAX has its own setting"):
         rollout(jax_module, **given, precision="single")
     with pytest.raises(UsageError, match="3 in q0, 4 in v0"):
         jax.jit(lambda v: rollout(jax_module, **given | {"v0": v}).q)(

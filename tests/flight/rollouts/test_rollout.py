@@ -159,7 +159,7 @@ def test_c_and_numpy_do_the_same(
     assert 0.0 < np.abs(single - expected.q).max() < 1e-4
     monkeypatch.setenv("CC", "no-such-compiler")
     same(rollout(compiled, **settings), expected)
-    assert caplog.text.count("NumPy rolls out instead of C: ") == 1
+    assert caplog.text.count("rollouts run in NumPy instead of C: ") == 1
     assert rollout(compiled, **settings, precision="single").v.dtype == np.float32
 
 
@@ -190,10 +190,10 @@ WRONG = {
     "what the controller returned: value 0 of 9 must be finite": {
         "control": lambda *_: np.full(9, np.inf)
     },
-    "what the controller returned: has 3 rows; the number of states: 1": {
+    "what the controller returned: has 3 rows for 1 states": {
         "control": lambda *_: np.zeros((3, 9))
     },
-    "q0: must be given; only scenarios say where states begin": {"q0": None},
+    "q0: missing; only scenarios have a start": {"q0": None},
     "parameters: must map names to numbers or arrays, not [1]": {"parameters": [1]},
     "control.gain: its shape must be (9, 18), not (9, 9)": {
         "control": Feedback(np.eye(9), np.zeros(9), np.zeros(9))

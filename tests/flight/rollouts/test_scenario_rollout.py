@@ -148,8 +148,8 @@ def test_what_overflows_changes_no_other_quaternion(fast: Callable[[str], Module
 
 
 WRONG = {
-    "leave out method, wrenches, limits": {"limits": (0.0, 1.0)},
-    "without control.rate and sensors": {"sensors": Sensors()},
+    "a scenario has its own method, wrenches, limits": {"limits": (0.0, 1.0)},
+    "do not support control.rate, sensors": {"sensors": Sensors()},
     "dt: state 0: in steps of 2 s rk4 makes errors grow": {"dt": 2.0},
     "parameters: link2_mass_per_length: value 1 of 2 must be finite": {
         "parameters": {LENGTH: [1.0, np.nan]}

@@ -117,24 +117,24 @@ def test_robots_of_three_masses_start_in_one_state_above_a_floor(folder: str) ->
         rollout(module, Q, V, U, 20, DT, surroundings=scene, parameters=each).q for each in varied
     )
     np.testing.assert_allclose(together, np.concatenate(alone), rtol=0, atol=1e-12)
-    with pytest.raises(UsageError, match="walls: act besides those of `surroundings`; leave"):
+    with pytest.raises(UsageError, match="walls: `surroundings` has this wall already; leave"):
         rollout(module, Q, V, U, 20, DT, walls=scene.walls, surroundings=scene)
 
 
 WRONG = {
     "surroundings: scenario: must be": {"surroundings": 5},
-    "surroundings: plant: leave it out": {
+    "surroundings: plant: numbers of the robot are not": {
         "surroundings": read_scenario("hover", {"plant": {"gravity": 1.6}}),
     },
     "wind: replaces that of `surroundings`; give these too": {
         "surroundings": None,
         "wind": [1, 0, 0],
     },
-    "payloads: the surroundings have none; give them [[payload]]": {
+    "payloads: the surroundings have no [[payload]]": {
         "surroundings": "hover",
         "payloads": [1.0],
     },
-    "wind: the surroundings have none; give them [wind]": {
+    "wind: the surroundings have no [wind]": {
         "surroundings": "hover",
         "wind": [1.0, 0, 0],
     },

@@ -173,7 +173,7 @@ def test_a_path_that_stands_still() -> None:
     with pytest.raises(UsageError, match=r"stands still at t = 0 s.*choose a level attitude"):
         Tangent(2)(Fixed((0, 0, 1)), time, arm_angles(6))
     # There and back.
-    with pytest.raises(UsageError, match=r"stands still at t = 2 s.*turns to go on in another"):
+    with pytest.raises(UsageError, match=r"stands still at t = 2 s.*changes its direction"):
         Tangent(2)(Harmonic(y=(Term(1.0, 0.0, 0.5 * np.pi),)), time, arm_angles(6))
 
 
@@ -206,10 +206,10 @@ def test_a_path_that_rests_has_the_tangent_of_where_it_moves() -> None:
     # Where it would turn in a jerk, with words of its own, and by however little it is a corner.
     points = ((0, 0, 0), (1, 0.3, 0), (1.5, 1.2, 0))
     for times, at in (((0.5, 2, 5), "0.51"), ((0, 2, 3.5), "3.49")):
-        with pytest.raises(UsageError, match=f"bends at t = {at}.*come and leave straight ahead"):
+        with pytest.raises(UsageError, match=f"bends at t = {at}.*make it straight there"):
             Tangent()(Waypoints(times=times, points=points), time[:501], np.zeros(0))
     corner = Waypoints(times=(0, 1, 3, 4), points=((0, 0, 0), (1, 0, 0), (1, 0, 0), (2, 0.04, 0)))
-    with pytest.raises(UsageError, match="stands still at t = 1 s, where it turns to go on"):
+    with pytest.raises(UsageError, match="stands still at t = 1 s, where it changes its direction"):
         Tangent()(corner, time[:401], np.zeros(0))
 
 

@@ -221,7 +221,7 @@ def test_a_tip_force_is_a_push_of_the_tip() -> None:
     new = old.replace("tip_force", "push")
     assert parse_scenario(new).push == parse_scenario(old).push
     assert faults(new + "[tip_force]\nforce = [1, 2, 3]\n") == [
-        "s.toml:9: tip_force: must be left out, since push says what pushes the robot"
+        "s.toml:9: tip_force: must be left out, because push already pushes the robot"
     ]
 
 
@@ -342,7 +342,9 @@ def test_a_file_that_is_not_a_page_of_text(tmp_path: FilePath) -> None:
     with pytest.raises(ScenarioFileError, match="not UTF-8"):
         read_scenario(str(file))
     file.write_bytes(b"#" * 1_000_001)
-    with pytest.raises(ScenarioFileError, match="larger than 1000000 bytes; a scenario is a page"):
+    with pytest.raises(
+        ScenarioFileError, match="larger than 1000000 bytes, the limit for a scenario"
+    ):
         read_scenario(str(file))
 
 
@@ -384,10 +386,9 @@ mass = nan
         "s.toml:7: base.path.centre: must have 3 numbers, not 2",
         "s.toml:8: base.path.radius: must be at least 0, not -1",
         "s.toml:10: arm.posture_deg.theta_7: must be a number, not a boolean",
-        "s.toml:11: arm.posture_deg.'d-8': must be the name of a joint: of its coordinate, such as "
-        "theta_7",
-        "s.toml:12: control.rate: missing: a delay needs to know how often the law is evaluated, "
-        "in Hz",
+        "s.toml:11: arm.posture_deg.'d-8': must be the name of a joint, that of its coordinate, "
+        "such as theta_7",
+        "s.toml:12: control.rate: missing: a delay needs the rate of the law, Hz",
         "s.toml:13: control.law: must be one of 'tracking', 'computed_torque', 'geometric', "
         "'passive', 'adaptive', 'impedance', 'force', 'geometric_impedance', 'geometric_force', "
         "'predictive', 'open_loop', 'off', not 'openloop'; did you mean 'open_loop'?",
@@ -449,10 +450,10 @@ def test_what_should_be_a_table(path: tuple[str, ...], value: object) -> None:
         ("base.attitude", {"kind": "tangent", "arm": 2.0}, "arm: must be a whole number, not 2.0"),
         ("base.attitude", {"kind": "tangent", "heading_deg": 0}, "heading_deg: unknown key"),
         ("base.attitude", {"kind": "level", "arm": 2}, "arm: unknown key"),
-        ("arm.posture_deg", {"theta_7": 0}, "tip already says what the arm does"),
-        ("arm.tip_beside_base", {"kind": "fixed", "position": [0] * 3}, "tip already says what"),
-        ("arm.tip_in_base", {"kind": "fixed", "position": [0] * 3}, "tip already says what"),
-        ("arm.guess_deg", {"": 1}, "must be the name of a joint: of its coordinate"),
+        ("arm.posture_deg", {"theta_7": 0}, "tip already gives the motion of the arm"),
+        ("arm.tip_beside_base", {"kind": "fixed", "position": [0] * 3}, "tip already gives the"),
+        ("arm.tip_in_base", {"kind": "fixed", "position": [0] * 3}, "tip already gives the"),
+        ("arm.guess_deg", {"": 1}, "must be the name of a joint, that of its coordinate"),
         ("arm.guess_deg", {"theta_7\n": 1}, r"'theta_7\n': must be the name of a joint"),
         ("arm.guess_deg", {"theta_7": [1]}, "theta_7: must be a number, not a list"),
         ("arm.limits_deg", {"theta_9": [0, 0]}, "the lower limit must be below the upper"),
@@ -479,7 +480,7 @@ def test_what_should_be_a_table(path: tuple[str, ...], value: object) -> None:
         ("push.torque", [1, 2], "must have 3 numbers, not 2"),
         ("push.frame", 3, "push.frame: must be a string, not a number"),
         ("arm.effort", {"theta_7": -1}, "arm.effort.theta_7: must be at least 1e-09, not -1"),
-        ("arm.velocity", {"theta 7": 1}, "must be the name of a joint: of its coordinate"),
+        ("arm.velocity", {"theta 7": 1}, "must be the name of a joint, that of its coordinate"),
         ("integration.method", "euler", "must be one of 'adaptive', 'rk4', not 'euler'"),
         ("integration.step", 1e-9, "must be at least 1e-06, not 1e-09"),
         ("integration.step", 0, "must be at least 1e-06, not 0"),
@@ -809,8 +810,8 @@ def test_what_is_not_there_cannot_be_taken_away(entry: str) -> None:
     with pytest.raises(ScenarioFileError) as refusal:
         read_scenario("hover", changes_of([f"{entry}="]))
     assert str(refusal.value) == (
-        f"hover.toml: {entry}: an empty value (None in Python) removes an entry, but there is "
-        "no such entry"
+        f"hover.toml: {entry}: there is no such entry to remove; an empty value (None in Python) "
+        "removes an entry"
     )
 
 
@@ -825,7 +826,7 @@ def test_what_is_there_can_be_taken_away() -> None:
 
 def test_a_robot_file_is_told_from_a_scenario() -> None:
     assert faults('name = "a"\n\ngravity = 9.81\n[base]\nrotors = 6\n') == [
-        "s.toml:3: gravity: a key of a robot file, and not of a scenario, which must be given here"
+        "s.toml:3: gravity: a key of a robot file; give a scenario here"
     ]
 
 
@@ -856,7 +857,7 @@ def test_moves_of_joints() -> None:
     for moves, words in (
         ([leg, leg], r"begin: must not be before 3, when the move before it ends, not 1"),
         ([{"to": 90, "duration": 0}], r"arm\.moves_deg\.theta_7 1: duration"),
-        ([], r"theta_7: has no moves; give one, or leave the joint out"),
+        ([], r"theta_7: empty list of moves; give one, or leave the joint out"),
         ({"to": 3, "duration": 1}, r"must be a list of moves, \[\{ to = …, duration = … \}\], not"),
         ([leg | {"begin": 5}], r"theta_7 1: begin: must be before 5, when the flight ends, not 5"),
         ([{"begin": 1, "duration": 1}], r"arm\.moves_deg\.theta_7 1: to"),

@@ -140,7 +140,7 @@ def test_an_executor_that_never_works_is_told(robot, tmp_path, monkeypatch):
 def test_an_executor_that_was_ended_is_told(robot, tmp_path):
     pool = ThreadPoolExecutor(1)
     pool.shutdown()
-    with pytest.raises(UsageError, match=r"takes no work: .*; what was done is kept"):
+    with pytest.raises(UsageError, match=r"accepts no work: .*; finished flights are kept"):
         sweep(robot, "hover", {"duration": 0.05}, executor=pool, out=tmp_path)
 
 

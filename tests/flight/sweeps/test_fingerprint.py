@@ -149,14 +149,14 @@ def test_globals_that_a_function_uses_count(monkeypatch):
 
 
 def test_what_nothing_tells_is_refused():
-    with pytest.raises(UsageError, match="cannot tell whether this is the same"):
+    with pytest.raises(UsageError, match="cannot recognise this value"):
         fingerprint(each for each in range(3))
 
 
 def test_what_holds_itself_is_refused_in_words():
     own = []
     own.append(own)
-    with pytest.raises(UsageError, match=r"is called again \(it holds itself\)"):
+    with pytest.raises(UsageError, match=r"cannot recognise this value \(it holds itself\)"):
         fingerprint(own)
 
 

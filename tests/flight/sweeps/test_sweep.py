@@ -151,7 +151,7 @@ def test_more_samples_fly_only_what_is_lacking(robot, tmp_path, here, monkeypatc
 
 def test_a_folder_of_the_users_is_left_alone(robot, tmp_path, here):
     (tmp_path / "table.csv").write_text("mine")
-    with pytest.raises(UsageError, match=r"holds table.csv, and no sweep has written it"):
+    with pytest.raises(UsageError, match=r"contains table.csv, which no sweep wrote"):
         sweep(robot, "hover", SHORT, executor=here, out=tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["table.csv"]
 
@@ -208,7 +208,7 @@ def test_a_scenario_that_was_made_in_python_varies_too(robot, tmp_path, here):
         )
         flight = simulate(load(robot, "c"), scenario)
         assert flight.tip_error.max() == pytest.approx(row["worst [m]"], rel=1e-9)
-    with pytest.raises(UsageError, match="a Scenario has no such field; give the scenario as a"):
+    with pytest.raises(UsageError, match="a Scenario has no such field; give a scenario file"):
         sweep(robot, plain, {"start.offset": [[0.0, 0.0, 0.1]]}, executor=here, out=tmp_path)
 
 
@@ -336,7 +336,7 @@ def test_a_row_that_was_changed_is_flown_again_with_a_word(robot, tmp_path, here
         again = sweep(robot, "hover", LATE, 4, 1, WORST, here, tmp_path)
         assert again.table.tobytes() == first.table.tobytes()
         assert [each.getMessage() for each in caplog.records] == [
-            f"{path}: 1 lines are broken or were changed; their flights are flown again"
+            f"{path}: 1 lines are damaged or were changed; their flights are repeated"
         ]
         assert sorted(kept_lines(tmp_path)) == sorted([*lines, line])
     path.write_bytes(b"\0" * 100 + whole[:-30])

@@ -77,9 +77,9 @@ def test_what_cannot_be_drawn_or_written_is_told(shipped: Shipped, tmp_path: Pat
         page.save(tmp_path / "taken")
     assert [path.name for path in tmp_path.iterdir()] == ["taken"]
     nowhere = dataclasses.replace(flight, positions=np.full_like(flight.positions, np.nan))
-    with pytest.raises(UsageError, match="no sample that can be drawn"):
+    with pytest.raises(UsageError, match="no sample can be drawn"):
         gibbs_codegen.view_html(nowhere)
-    with pytest.raises(UsageError, match="no sample that can be drawn"), viewing(nowhere, 8450):
+    with pytest.raises(UsageError, match="no sample can be drawn"), viewing(nowhere, 8450):
         pass
     (tmp_path / "no.npz").write_text("no")
     with pytest.raises(UsageError, match="is not a flight"):

@@ -43,5 +43,5 @@ def test_a_taken_port_is_passed_by_and_the_last_one_refused() -> None:
             last.listen()
         except OSError:
             pass  # Somebody has it, which does as well.
-        with pytest.raises(UsageError, match="port 65535: neither it"), empty_server(65535):
+        with pytest.raises(UsageError, match="port 65535: this port and all"), empty_server(65535):
             pass
