@@ -106,6 +106,6 @@ def test_the_command_leaves_what_is_there_alone(tmp_path: Path) -> None:
     (tmp_path / "mine" / "index.md").write_text("mine")
     refused = run("paper", "--out", "mine", cwd=tmp_path)
     assert refused.returncode == 2
-    assert "is there already; choose another name" in refused.stderr
+    assert "exists already; choose another name" in refused.stderr
     assert (tmp_path / "mine" / "index.md").read_text() == "mine"
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]

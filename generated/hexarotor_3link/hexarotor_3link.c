@@ -5,8 +5,8 @@
 /* SPDX-License-Identifier: MIT-0 (yours to use, change and pass on without conditions) */
 
 /*
- * Functions for one state. Each is straight-line code; a very long one has parts with loops over
- * the columns of a matrix. Sines and cosines of all angles are computed first.
+ * Functions for one state. Each is straight-line code that first computes the sines and cosines of
+ * all angles. Very long functions are split into parts, with loops over the columns of a matrix.
  */
 
 #include "hexarotor_3link.h"
@@ -179,7 +179,7 @@ int hexarotor_3link_init_constants(const real *RESTRICT parameters,
     constants->k104 = k104; constants->k105 = k105; constants->k106 = k106; constants->k107 = k107;
     constants->k108 = k108;
 
-    /* Of no use without a mass, or where a number is not finite. */
+    /* Unusable without a mass, or with a number that is not finite. */
     int good = k72 > R(0.0);
     for (int i = 0; i < 16; ++i) {
         good &= is_finite(parameters[i]);
@@ -457,7 +457,7 @@ void hexarotor_3link_mass_matrix_and_residual(const Constants *RESTRICT constant
 void hexarotor_3link_mass_matrix(const Constants *RESTRICT constants, const real *RESTRICT q,
     real *RESTRICT mass_matrix)
 {
-    /* Compilers leave out what is computed only for what nobody reads. */
+    /* Compilers remove computations whose results are not used. */
     real unwanted_residual[9];
     mass_matrix_and_residual_text(constants, q, q, mass_matrix, unwanted_residual);
 }
@@ -467,7 +467,7 @@ void hexarotor_3link_mass_matrix(const Constants *RESTRICT constants, const real
 void hexarotor_3link_residual(const Constants *RESTRICT constants, const real *RESTRICT q,
     const real *RESTRICT v, real *RESTRICT residual)
 {
-    /* Compilers leave out what is computed only for what nobody reads. */
+    /* Compilers remove computations whose results are not used. */
     real unwanted_mass_matrix[81];
     mass_matrix_and_residual_text(constants, q, v, unwanted_mass_matrix, residual);
 }

@@ -13,25 +13,26 @@
  *
  * SI units, radians, world axes with Z up. Arrays are dense, matrices row-major. No function
  * allocates, keeps state or reads anything but its arguments; outputs must not overlap inputs or
- * each other. Numbers are rounded to nearest. Link with the mathematics library (-lm).
+ * each other. The rounding mode must be to nearest. Link with the mathematics library (-lm).
  *
  * No function checks its results. They are infinite or NaN if an argument is not finite, if a
  * number overflows or, in forward dynamics, if a degree of freedom has no mass. No attitude angle
- * makes them so: no floating-point number is an odd multiple of 90 degrees, and close to those the
- * functions are accurate.
+ * makes them so: no floating-point number is an odd multiple of 90 degrees, and near these angles
+ * the functions are accurate.
  *
- * For single precision throughout define, wherever this header is read and the source is compiled,
+ * For single precision define this macro wherever the header is included and the source is
+ * compiled:
  *
  *     HEXAROTOR_3LINK_FLOAT
  *
- * and keep angles within a few turns: those of joints on parallel axes are added, in that
+ * Keep angles within a few turns then: angles of joints on parallel axes are added in that
  * precision.
  *
- * On small machines -ffunction-sections and -Wl,--gc-sections leave out the functions that are not
- * used. The stack that each function states is an estimate for doubles; floats take half of it, and
- * as much for derivatives of time steps. It leaves out what the library's sine and cosine take,
- * which are called only for angles beyond 1e5 rad (400 for floats). The _batch functions can take
- * more than LANES times as much.
+ * On small machines compile with -ffunction-sections and link with -Wl,--gc-sections, which drops
+ * unused functions. The stack that each function states is an estimate for doubles. Floats take
+ * half of it, except for derivatives of time steps. It excludes the library's sine and cosine,
+ * which are called for angles beyond 1e5 rad only (400 rad for floats). The _batch functions can
+ * take more than LANES times as much.
  *
  * The attitude, from base arm 1's frame to the world, is R_x(theta_m1) R_y(theta_0) R_z(theta_1).
  * Rates are plain time derivatives of the coordinates, not body rates. A thrust acts at its motor,
@@ -93,16 +94,16 @@
  *
  * The module was generated without gibbs, joint_wrenches, joint_wrenches_with_wrenches, momentum,
  * momentum_rate, passive_inverse_dynamics, reference_regressor, tip_pose, tip_jacobian,
- * tip_bias_acceleration, centroidal_momentum, which come with --functions; and derivatives, which
- * come with --derivatives.
+ * tip_bias_acceleration, centroidal_momentum, which --functions adds; and derivatives, which
+ * --derivatives adds.
  *
- * Every function has a form for any number of states, with _batch at the end of its name. Its
- * arrays are rows of blocks of LANES states, 8 of them, or 16 in single precision: entry e of
- * state i stands at [(i / LANES) * width * LANES + e * LANES + i % LANES], width being the entries
- * of one state. The last block need not be full: what its unused lanes hold is not read, but
- * outputs must have room for whole blocks, and their unused lanes are overwritten. Functions pack
- * and unpack turn states that follow each other into blocks and back. Compiled with OpenMP, blocks
- * are shared among threads. Arrays that begin at a multiple of 64 bytes are fastest.
+ * Every function has a form for any number of states, whose name ends in _batch. Its arrays consist
+ * of blocks of LANES states, 8 of them, or 16 in single precision: entry
+ * e of state i is at [(i / LANES) * width * LANES + e * LANES + i % LANES], where width is the
+ * number of entries of one state. The last block need not be full: its unused lanes are not read,
+ * but outputs must have room for whole blocks, and their unused lanes are overwritten. The
+ * functions pack and unpack convert rows of states to blocks and back. With OpenMP, threads share
+ * the blocks. Arrays aligned to 64 bytes are fastest.
  */
 
 #ifndef HEXAROTOR_3LINK_H
@@ -116,7 +117,7 @@ extern "C" {
 
 #ifdef HEXAROTOR_3LINK_FLOAT
 typedef float hexarotor_3link_real;
-/* So that a program of one precision does not link with a source of the other. */
+/* A program of one precision must not link with a source of the other. */
 #define hexarotor_3link_default_constants \
     hexarotor_3link_default_constants_float
 #define hexarotor_3link_init_constants \
@@ -127,7 +128,7 @@ typedef float hexarotor_3link_real;
 typedef double hexarotor_3link_real;
 #endif
 
-/* Lengths of what is listed above. */
+/* Lengths of the lists above. */
 #define HEXAROTOR_3LINK_COORDINATES 9
 #define HEXAROTOR_3LINK_VELOCITIES 9
 #define HEXAROTOR_3LINK_HYBRID_COORDINATES 19
@@ -138,7 +139,7 @@ typedef double hexarotor_3link_real;
 #define HEXAROTOR_3LINK_PARAMETERS 16
 #define HEXAROTOR_3LINK_CONSTANTS 50
 
-/** States in a block of the _batch functions: what the widest registers hold. */
+/** States in a block of the _batch functions: as many as the widest registers hold. */
 #ifdef HEXAROTOR_3LINK_FLOAT
 #define HEXAROTOR_3LINK_LANES 16
 #else
@@ -146,13 +147,13 @@ typedef double hexarotor_3link_real;
 #endif
 
 /*
- * Places of the parameters, and their units.
- * Zero in the robot file and therefore folded away: base_drag_1, base_drag_2, base_drag_3,
- * base_drag_4, base_drag_5, base_drag_6, link1_d, link1_length, link1_mass_per_length,
- * link1_section_inertia_xx, link1_section_inertia_yy, link1_section_inertia_zz, link1_damping,
- * link1_armature, link1_stiffness, link1_rest, link2_d, link2_damping, link2_armature,
- * link2_stiffness, link2_rest, link3_d, link3_damping, link3_armature, link3_stiffness,
- * link3_rest.
+ * Indices of the parameters, and their units.
+ * Not parameters, because they are zero in the robot file: base_drag_1, base_drag_2,
+ * base_drag_3, base_drag_4, base_drag_5, base_drag_6, link1_d, link1_length,
+ * link1_mass_per_length, link1_section_inertia_xx, link1_section_inertia_yy,
+ * link1_section_inertia_zz, link1_damping, link1_armature, link1_stiffness, link1_rest, link2_d,
+ * link2_damping, link2_armature, link2_stiffness, link2_rest, link3_d, link3_damping,
+ * link3_armature, link3_stiffness, link3_rest.
  */
 enum {
     HEXAROTOR_3LINK_GRAVITY, /**< m/s^2 */
@@ -173,33 +174,33 @@ enum {
     HEXAROTOR_3LINK_LINK3_SECTION_INERTIA_ZZ, /**< kg m^2 */
 };
 
-/** Places in q. */
+/** Indices in q. */
 enum {
     HEXAROTOR_3LINK_Q_THETA_M1, HEXAROTOR_3LINK_Q_THETA_0, HEXAROTOR_3LINK_Q_THETA_1,
     HEXAROTOR_3LINK_Q_THETA_7, HEXAROTOR_3LINK_Q_THETA_8, HEXAROTOR_3LINK_Q_THETA_9,
     HEXAROTOR_3LINK_Q_X, HEXAROTOR_3LINK_Q_Y, HEXAROTOR_3LINK_Q_Z,
 };
 
-/** Places in v, and in a. */
+/** Indices in v, and in a. */
 enum {
     HEXAROTOR_3LINK_V_THETA_M1, HEXAROTOR_3LINK_V_THETA_0, HEXAROTOR_3LINK_V_THETA_1,
     HEXAROTOR_3LINK_V_THETA_7, HEXAROTOR_3LINK_V_THETA_8, HEXAROTOR_3LINK_V_THETA_9,
     HEXAROTOR_3LINK_V_X, HEXAROTOR_3LINK_V_Y, HEXAROTOR_3LINK_V_Z,
 };
 
-/** Places in u. */
+/** Indices in u. */
 enum {
     HEXAROTOR_3LINK_U_F_1, HEXAROTOR_3LINK_U_F_2, HEXAROTOR_3LINK_U_F_3, HEXAROTOR_3LINK_U_F_4,
     HEXAROTOR_3LINK_U_F_5, HEXAROTOR_3LINK_U_F_6, HEXAROTOR_3LINK_U_TAU_7, HEXAROTOR_3LINK_U_TAU_8,
     HEXAROTOR_3LINK_U_TAU_9,
 };
 
-/** Places in frames, also of rows in W. */
+/** Indices in frames, also of rows in W. */
 enum {
     HEXAROTOR_3LINK_F_BASE, HEXAROTOR_3LINK_F_TIP,
 };
 
-/** What the functions need of the parameters, computed once. */
+/** Numbers that depend on the parameters alone, computed once. */
 typedef struct hexarotor_3link_constants {
     hexarotor_3link_real gravity, base_arm_length, k8, k14, link2_length, k32, link3_length, k44,
         k50, k60, k61, k62, k65, k67, k68, k69, k71, k72, k73, k74, k75, k76, k77, k78, k79, k80,
@@ -211,23 +212,23 @@ typedef struct hexarotor_3link_constants {
 extern const hexarotor_3link_real
     hexarotor_3link_default_parameters[16];
 
-/** Constants of the parameters of the robot file. */
+/** Constants for the parameters of the robot file. */
 extern const hexarotor_3link_constants
     hexarotor_3link_default_constants;
 
 /**
- * @brief Constants of the other functions for given parameters.
+ * @brief Compute the constants that all other functions take from the parameters.
  *
- * @param[in] parameters all 16 values, in the order of their places
- * @param[out] constants for the first argument of every function
- * @return 0, or 1 if the constants are of no use: the robot has no mass, or a parameter or a
- *     constant is not finite, as where nothing resists an acceleration
+ * @param[in] parameters all 16 values, in the order above
+ * @param[out] constants first argument of every other function
+ * @return 0, or 1 if the constants are unusable: the robot has no mass, a parameter or constant is
+ *     not finite, or an acceleration is undetermined
  */
 int hexarotor_3link_init_constants(const hexarotor_3link_real *parameters,
     hexarotor_3link_constants *constants);
 
 /**
- * @brief Pack states that follow each other into blocks; the last state fills up the last block.
+ * @brief Pack rows of states into blocks; copies of the last state fill the last block.
  *
  * @param[in] count number of states
  * @param[in] width entries of one state
@@ -238,7 +239,7 @@ void hexarotor_3link_pack(size_t count, size_t width,
     const hexarotor_3link_real *rows, hexarotor_3link_real *blocks);
 
 /**
- * @brief Unpack blocks into states that follow each other.
+ * @brief Unpack blocks into rows of states.
  *
  * @param[in] count number of states
  * @param[in] width entries of one state
@@ -249,17 +250,17 @@ void hexarotor_3link_unpack(size_t count, size_t width,
     const hexarotor_3link_real *blocks, hexarotor_3link_real *rows);
 
 /*
- * The functions that have _batch_each at the end of their names, and the next one, are in
- * hexarotor_3link_each.c, which includes hexarotor_3link_batch.c, where those for batches are.
+ * The next function, and all whose names end in _batch_each, are in hexarotor_3link_each.c, which
+ * includes hexarotor_3link_batch.c, the source of the other _batch functions.
  */
 
 /**
- * @brief Constants of each state for its parameters, in blocks like all arrays of _batch functions.
+ * @brief Compute constants for each state from its own parameters, in blocks.
  *
  * @param[in] count number of states
- * @param[in] parameters 16 of each state, in the order of their places
- * @param[out] constants 50 of each state, for functions with _batch_each
- * @return 0, or 1 + the number of the first state whose constants are of no use
+ * @param[in] parameters 16 values for each state, in the order above
+ * @param[out] constants 50 values for each state, for _batch_each functions
+ * @return 0, or 1 + the number of the first state whose constants are unusable
  */
 size_t hexarotor_3link_init_constants_batch(size_t count,
     const hexarotor_3link_real *parameters, hexarotor_3link_real *constants);
@@ -267,16 +268,16 @@ size_t hexarotor_3link_init_constants_batch(size_t count,
 /**
  * @brief Mass matrix M and residual R of M a = R + B u, in one pass.
  *
- * R holds velocity terms, gravity, dampers and springs, with the sign of a force.
+ * R contains velocity terms, gravity, dampers and springs, with the sign of a force.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[in] v their rates, 9 entries, as above
  * @param[out] mass_matrix 9 x 9: [kg m^2] between angles, [kg] between lengths, [kg m] between both
  * @param[out] residual 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
  *     m], theta_9 [N m], x [N], y [N], z [N]
- * @note One output may be NULL, where the function of the other is there.
+ * @note One output may be NULL, if the module has the function of the other output.
  * @note 433 operations, 6 sine-cosine pairs; about 1552 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source
@@ -289,7 +290,7 @@ void hexarotor_3link_mass_matrix_and_residual(const hexarotor_3link_constants *c
 void hexarotor_3link_mass_matrix_and_residual_batch(const hexarotor_3link_constants *constants,
     size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *mass_matrix, hexarotor_3link_real *residual);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_mass_matrix_and_residual_batch_each(const hexarotor_3link_real *constants,
     size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *mass_matrix, hexarotor_3link_real *residual);
@@ -299,7 +300,7 @@ void hexarotor_3link_mass_matrix_and_residual_batch_each(const hexarotor_3link_r
  *
  * The same matrix as Pinocchio's crba gives for these coordinates.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[out] mass_matrix 9 x 9: [kg m^2] between angles, [kg] between lengths, [kg m] between both
@@ -313,17 +314,17 @@ void hexarotor_3link_mass_matrix(const hexarotor_3link_constants *constants,
 /** @brief The same for `count` states in blocks. */
 void hexarotor_3link_mass_matrix_batch(const hexarotor_3link_constants *constants, size_t count,
     const hexarotor_3link_real *q, hexarotor_3link_real *mass_matrix);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_mass_matrix_batch_each(const hexarotor_3link_real *constants, size_t count,
     const hexarotor_3link_real *q, hexarotor_3link_real *mass_matrix);
 
 /**
  * @brief Residual R of M a = R + B u, with the sign of a force.
  *
- * Velocity terms, gravity, dampers and springs. Without the last two it is minus what Pinocchio
- * calls nonLinearEffects.
+ * R contains velocity terms, gravity, dampers and springs. Without the last two it is minus
+ * Pinocchio's nonLinearEffects.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[in] v their rates, 9 entries, as above
@@ -339,16 +340,16 @@ void hexarotor_3link_residual(const hexarotor_3link_constants *constants,
 /** @brief The same for `count` states in blocks. */
 void hexarotor_3link_residual_batch(const hexarotor_3link_constants *constants, size_t count,
     const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *residual);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_residual_batch_each(const hexarotor_3link_real *constants, size_t count,
     const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *residual);
 
 /**
  * @brief Input matrix B of M a = R + B u.
  *
- * Column k holds the generalised forces of a unit of input k.
+ * Column k contains the generalised forces of a unit of input k.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[out] input_matrix 9 x 9: [N/N], [N m/N] and [N m/(N m)], by row and column
@@ -362,19 +363,19 @@ void hexarotor_3link_input_matrix(const hexarotor_3link_constants *constants,
 /** @brief The same for `count` states in blocks. */
 void hexarotor_3link_input_matrix_batch(const hexarotor_3link_constants *constants, size_t count,
     const hexarotor_3link_real *q, hexarotor_3link_real *input_matrix);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_input_matrix_batch_each(const hexarotor_3link_real *constants, size_t count,
     const hexarotor_3link_real *q, hexarotor_3link_real *input_matrix);
 
 /**
  * @brief Accelerations a of M a = R + B u.
  *
- * Accurate at every attitude: next to +-90 degrees of the middle attitude angle the accelerations
- * of the other two grow as the inverse of its cosine, and what is computed from them loses as many
- * digits. Where links without mass or thickness let joints move nothing, as a massless wrist with
- * two axes in line, results are huge, infinite or not a number.
+ * Accurate at every attitude: near +-90 degrees of the middle attitude angle the accelerations of
+ * the other two grow as the inverse of its cosine, and results that depend on them lose as many
+ * digits. Where a joint moves no mass, as in a massless wrist with two axes in line, results are
+ * huge, infinite or NaN.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[in] v their rates, 9 entries, as above
@@ -394,7 +395,7 @@ void hexarotor_3link_forward_dynamics(const hexarotor_3link_constants *constants
 void hexarotor_3link_forward_dynamics_batch(const hexarotor_3link_constants *constants,
     size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     const hexarotor_3link_real *u, hexarotor_3link_real *acceleration);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_forward_dynamics_batch_each(const hexarotor_3link_real *constants,
     size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     const hexarotor_3link_real *u, hexarotor_3link_real *acceleration);
@@ -404,7 +405,7 @@ void hexarotor_3link_forward_dynamics_batch_each(const hexarotor_3link_real *con
  *
  * The partial derivatives of the Gibbs function by the accelerations.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[in] v their rates, 9 entries, as above
@@ -423,7 +424,7 @@ void hexarotor_3link_inverse_dynamics(const hexarotor_3link_constants *constants
 void hexarotor_3link_inverse_dynamics_batch(const hexarotor_3link_constants *constants,
     size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     const hexarotor_3link_real *a, hexarotor_3link_real *force);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_inverse_dynamics_batch_each(const hexarotor_3link_real *constants,
     size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     const hexarotor_3link_real *a, hexarotor_3link_real *force);
@@ -434,7 +435,7 @@ void hexarotor_3link_inverse_dynamics_batch_each(const hexarotor_3link_real *con
  * Rows and columns are in the order of HYBRID_COORDINATES; the last rows hold the constrained
  * joints, the last columns their torques.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[out] mass_matrix 19 x 19: [kg m^2] between angles, [kg] between lengths, [kg m] between
@@ -449,7 +450,7 @@ void hexarotor_3link_hybrid_mass_matrix(const hexarotor_3link_constants *constan
 /** @brief The same for `count` states in blocks. */
 void hexarotor_3link_hybrid_mass_matrix_batch(const hexarotor_3link_constants *constants,
     size_t count, const hexarotor_3link_real *q, hexarotor_3link_real *mass_matrix);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_hybrid_mass_matrix_batch_each(const hexarotor_3link_real *constants,
     size_t count, const hexarotor_3link_real *q, hexarotor_3link_real *mass_matrix);
 
@@ -458,7 +459,7 @@ void hexarotor_3link_hybrid_mass_matrix_batch_each(const hexarotor_3link_real *c
  *
  * Entries are in the order of HYBRID_COORDINATES.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[in] v their rates, 9 entries, as above
@@ -476,7 +477,7 @@ void hexarotor_3link_hybrid_residual(const hexarotor_3link_constants *constants,
 /** @brief The same for `count` states in blocks. */
 void hexarotor_3link_hybrid_residual_batch(const hexarotor_3link_constants *constants, size_t count,
     const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *residual);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_hybrid_residual_batch_each(const hexarotor_3link_real *constants, size_t count,
     const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *residual);
 
@@ -485,7 +486,7 @@ void hexarotor_3link_hybrid_residual_batch_each(const hexarotor_3link_real *cons
  *
  * Rows are in the order of HYBRID_COORDINATES, columns in that of INPUTS.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[out] input_matrix 19 x 9: [N/N], [N m/N] and [N m/(N m)], by row and column
@@ -499,16 +500,16 @@ void hexarotor_3link_hybrid_input_matrix(const hexarotor_3link_constants *consta
 /** @brief The same for `count` states in blocks. */
 void hexarotor_3link_hybrid_input_matrix_batch(const hexarotor_3link_constants *constants,
     size_t count, const hexarotor_3link_real *q, hexarotor_3link_real *input_matrix);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_hybrid_input_matrix_batch_each(const hexarotor_3link_real *constants,
     size_t count, const hexarotor_3link_real *q, hexarotor_3link_real *input_matrix);
 
 /**
- * @brief Torques that hold the constrained joints: base arms 2 ... N, and constrained links.
+ * @brief Constraint torques of the constrained joints: base arms 2 ... N, and constrained links.
  *
- * Linear in the accelerations and inputs, which need not fit each other.
+ * Linear in the accelerations and inputs, which need not be consistent.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[in] v their rates, 9 entries, as above
@@ -528,7 +529,7 @@ void hexarotor_3link_constraint_torques(const hexarotor_3link_constants *constan
 void hexarotor_3link_constraint_torques_batch(const hexarotor_3link_constants *constants,
     size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     const hexarotor_3link_real *a, const hexarotor_3link_real *u, hexarotor_3link_real *torque);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_constraint_torques_batch_each(const hexarotor_3link_real *constants,
     size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     const hexarotor_3link_real *a, const hexarotor_3link_real *u, hexarotor_3link_real *torque);
@@ -536,7 +537,7 @@ void hexarotor_3link_constraint_torques_batch_each(const hexarotor_3link_real *c
 /**
  * @brief Kinetic energy in J.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[in] v their rates, 9 entries, as above
@@ -551,14 +552,14 @@ void hexarotor_3link_kinetic_energy(const hexarotor_3link_constants *constants,
 /** @brief The same for `count` states in blocks. */
 void hexarotor_3link_kinetic_energy_batch(const hexarotor_3link_constants *constants, size_t count,
     const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *energy);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_kinetic_energy_batch_each(const hexarotor_3link_real *constants, size_t count,
     const hexarotor_3link_real *q, const hexarotor_3link_real *v, hexarotor_3link_real *energy);
 
 /**
- * @brief Potential energy in J: of the weight, zero at world Z = 0, and of the springs.
+ * @brief Potential energy in J of gravity, zero at world Z = 0, and of the springs.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[out] energy 1: [J]
@@ -572,16 +573,16 @@ void hexarotor_3link_potential_energy(const hexarotor_3link_constants *constants
 /** @brief The same for `count` states in blocks. */
 void hexarotor_3link_potential_energy_batch(const hexarotor_3link_constants *constants,
     size_t count, const hexarotor_3link_real *q, hexarotor_3link_real *energy);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_potential_energy_batch_each(const hexarotor_3link_real *constants,
     size_t count, const hexarotor_3link_real *q, hexarotor_3link_real *energy);
 
 /**
  * @brief Generalised forces of gravity: gravity's part of R.
  *
- * They are minus what Pinocchio calls the generalised gravity.
+ * They are minus Pinocchio's generalised gravity.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[out] force 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N m],
@@ -596,16 +597,16 @@ void hexarotor_3link_gravity_forces(const hexarotor_3link_constants *constants,
 /** @brief The same for `count` states in blocks. */
 void hexarotor_3link_gravity_forces_batch(const hexarotor_3link_constants *constants, size_t count,
     const hexarotor_3link_real *q, hexarotor_3link_real *force);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_gravity_forces_batch_each(const hexarotor_3link_real *constants, size_t count,
     const hexarotor_3link_real *q, hexarotor_3link_real *force);
 
 /**
  * @brief Generalised forces of wrenches on the frames: the sum of J^T W.
  *
- * They add to B u. The wrenches are carried in from body to body, without a Jacobian.
+ * They add to B u. They are computed from body to body, without a Jacobian.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[in] W wrenches on the frames, at their origins, in world axes, 12 entries: force [N] and
@@ -622,7 +623,7 @@ void hexarotor_3link_wrench_forces(const hexarotor_3link_constants *constants,
 /** @brief The same for `count` states in blocks. */
 void hexarotor_3link_wrench_forces_batch(const hexarotor_3link_constants *constants, size_t count,
     const hexarotor_3link_real *q, const hexarotor_3link_real *W, hexarotor_3link_real *force);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_wrench_forces_batch_each(const hexarotor_3link_real *constants, size_t count,
     const hexarotor_3link_real *q, const hexarotor_3link_real *W, hexarotor_3link_real *force);
 
@@ -631,7 +632,7 @@ void hexarotor_3link_wrench_forces_batch_each(const hexarotor_3link_real *consta
  *
  * As forward_dynamics, with wrenches on the frames.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[in] v their rates, 9 entries, as above
@@ -654,7 +655,7 @@ void hexarotor_3link_forward_dynamics_with_wrenches_batch(
     const hexarotor_3link_constants *constants, size_t count, const hexarotor_3link_real *q,
     const hexarotor_3link_real *v, const hexarotor_3link_real *u, const hexarotor_3link_real *W,
     hexarotor_3link_real *acceleration);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_forward_dynamics_with_wrenches_batch_each(
     const hexarotor_3link_real *constants, size_t count, const hexarotor_3link_real *q,
     const hexarotor_3link_real *v, const hexarotor_3link_real *u, const hexarotor_3link_real *W,
@@ -663,7 +664,7 @@ void hexarotor_3link_forward_dynamics_with_wrenches_batch_each(
 /**
  * @brief World positions of POINTS in m, one row each.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[out] position 12 x 3: O1, O2, motor1, motor2, motor3, motor4, motor5, motor6, joint7,
@@ -678,14 +679,14 @@ void hexarotor_3link_positions(const hexarotor_3link_constants *constants,
 /** @brief The same for `count` states in blocks. */
 void hexarotor_3link_positions_batch(const hexarotor_3link_constants *constants, size_t count,
     const hexarotor_3link_real *q, hexarotor_3link_real *position);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_positions_batch_each(const hexarotor_3link_real *constants, size_t count,
     const hexarotor_3link_real *q, hexarotor_3link_real *position);
 
 /**
  * @brief Homogeneous transforms from the frames to the world.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[out] poses 2 x 4 x 4: axes [1] and position [m], a block for each of base, tip
@@ -699,16 +700,16 @@ void hexarotor_3link_frame_poses(const hexarotor_3link_constants *constants,
 /** @brief The same for `count` states in blocks. */
 void hexarotor_3link_frame_poses_batch(const hexarotor_3link_constants *constants, size_t count,
     const hexarotor_3link_real *q, hexarotor_3link_real *poses);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_frame_poses_batch_each(const hexarotor_3link_real *constants, size_t count,
     const hexarotor_3link_real *q, hexarotor_3link_real *poses);
 
 /**
  * @brief Jacobians of the frames: linear rows, then angular rows, in world axes.
  *
- * They take v to the velocities of the frames in m/s and rad/s.
+ * They map v to the velocities of the frames in m/s and rad/s.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[out] jacobians 2 x 6 x 9: [m/rad] or [1] in the first rows, [1] or [rad/m] in the others,
@@ -723,14 +724,14 @@ void hexarotor_3link_frame_jacobians(const hexarotor_3link_constants *constants,
 /** @brief The same for `count` states in blocks. */
 void hexarotor_3link_frame_jacobians_batch(const hexarotor_3link_constants *constants, size_t count,
     const hexarotor_3link_real *q, hexarotor_3link_real *jacobians);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_frame_jacobians_batch_each(const hexarotor_3link_real *constants, size_t count,
     const hexarotor_3link_real *q, hexarotor_3link_real *jacobians);
 
 /**
  * @brief Velocities of the frames' origins, then angular velocities, in world axes.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[in] v their rates, 9 entries, as above
@@ -747,18 +748,18 @@ void hexarotor_3link_frame_velocities(const hexarotor_3link_constants *constants
 void hexarotor_3link_frame_velocities_batch(const hexarotor_3link_constants *constants,
     size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *velocities);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_frame_velocities_batch_each(const hexarotor_3link_real *constants,
     size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *velocities);
 
 /**
- * @brief Accelerations of the frames where a is zero, gravity left out, in world axes.
+ * @brief Accelerations of the frames where a is zero, without gravity, in world axes.
  *
- * They are the Jacobians' rates times v: a frame accelerates at its Jacobian times a plus this,
- * linear entries first, then angular.
+ * They are the Jacobians' rates times v, linear entries first; the whole acceleration of a frame is
+ * its Jacobian times a plus this.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[in] v their rates, 9 entries, as above
@@ -776,7 +777,7 @@ void hexarotor_3link_frame_bias_accelerations(const hexarotor_3link_constants *c
 void hexarotor_3link_frame_bias_accelerations_batch(const hexarotor_3link_constants *constants,
     size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *bias_accelerations);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_frame_bias_accelerations_batch_each(const hexarotor_3link_real *constants,
     size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *bias_accelerations);
@@ -784,7 +785,7 @@ void hexarotor_3link_frame_bias_accelerations_batch_each(const hexarotor_3link_r
 /**
  * @brief World position of the centre of mass.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[out] position 3: [m]
@@ -798,16 +799,16 @@ void hexarotor_3link_centre_of_mass(const hexarotor_3link_constants *constants,
 /** @brief The same for `count` states in blocks. */
 void hexarotor_3link_centre_of_mass_batch(const hexarotor_3link_constants *constants, size_t count,
     const hexarotor_3link_real *q, hexarotor_3link_real *position);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_centre_of_mass_batch_each(const hexarotor_3link_real *constants, size_t count,
     const hexarotor_3link_real *q, hexarotor_3link_real *position);
 
 /**
  * @brief Jacobian of the centre of mass, in world axes.
  *
- * Times the robot's mass it takes v to the linear momentum.
+ * Multiplied by the robot's mass, it maps v to the linear momentum.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[out] jacobian 3 x 9: [m/rad or 1]
@@ -821,16 +822,16 @@ void hexarotor_3link_centre_of_mass_jacobian(const hexarotor_3link_constants *co
 /** @brief The same for `count` states in blocks. */
 void hexarotor_3link_centre_of_mass_jacobian_batch(const hexarotor_3link_constants *constants,
     size_t count, const hexarotor_3link_real *q, hexarotor_3link_real *jacobian);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_centre_of_mass_jacobian_batch_each(const hexarotor_3link_real *constants,
     size_t count, const hexarotor_3link_real *q, hexarotor_3link_real *jacobian);
 
 /**
  * @brief Rates of the coordinates q.
  *
- * With attitude angles v itself; a quaternion turns with the angular velocity of the base.
+ * With attitude angles they equal v; a quaternion follows the angular velocity of the base.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[in] v their rates, 9 entries, as above
@@ -847,17 +848,17 @@ void hexarotor_3link_coordinate_rates(const hexarotor_3link_constants *constants
 void hexarotor_3link_coordinate_rates_batch(const hexarotor_3link_constants *constants,
     size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *rate);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_coordinate_rates_batch_each(const hexarotor_3link_real *constants,
     size_t count, const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *rate);
 
 /**
- * @brief Coordinates after a displacement v, which is a velocity times the time that it lasts.
+ * @brief Coordinates after a displacement v, a velocity multiplied by a time.
  *
- * The same as Pinocchio's integrate. The only function that normalises a quaternion.
+ * The same as Pinocchio's integrate. It is the only function that normalises a quaternion.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries, as above
  * @param[in] v their rates, 9 entries, as above
@@ -875,7 +876,7 @@ void hexarotor_3link_integrate(const hexarotor_3link_constants *constants,
 void hexarotor_3link_integrate_batch(const hexarotor_3link_constants *constants, size_t count,
     const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *coordinates);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_integrate_batch_each(const hexarotor_3link_real *constants, size_t count,
     const hexarotor_3link_real *q, const hexarotor_3link_real *v,
     hexarotor_3link_real *coordinates);
@@ -883,14 +884,13 @@ void hexarotor_3link_integrate_batch_each(const hexarotor_3link_real *constants,
 /**
  * @brief Displacement from q0 to q1: integrate(q0, difference(q0, q1)) is at q1.
  *
- * The same as Pinocchio's difference. A quaternion and its opposite are one attitude.
+ * The same as Pinocchio's difference. A quaternion and its negative are the same attitude.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made, or
+ * @param[in] constants result of hexarotor_3link_init_constants(), or
  *     &hexarotor_3link_default_constants
- * @param[in] q0 coordinates to begin with, 9 entries: q0_theta_m1 [rad], q0_theta_0 [rad],
- *     q0_theta_1 [rad], q0_theta_7 [rad], q0_theta_8 [rad], q0_theta_9 [rad], q0_x [m], q0_y [m],
- *     q0_z [m]
- * @param[in] q1 coordinates to end with, 9 entries: q1_theta_m1 [rad], q1_theta_0 [rad], q1_theta_1
+ * @param[in] q0 initial coordinates, 9 entries: q0_theta_m1 [rad], q0_theta_0 [rad], q0_theta_1
+ *     [rad], q0_theta_7 [rad], q0_theta_8 [rad], q0_theta_9 [rad], q0_x [m], q0_y [m], q0_z [m]
+ * @param[in] q1 final coordinates, 9 entries: q1_theta_m1 [rad], q1_theta_0 [rad], q1_theta_1
  *     [rad], q1_theta_7 [rad], q1_theta_8 [rad], q1_theta_9 [rad], q1_x [m], q1_y [m], q1_z [m]
  * @param[out] displacement 9: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8
  *     [rad], theta_9 [rad], x [m], y [m], z [m]
@@ -906,7 +906,7 @@ void hexarotor_3link_difference(const hexarotor_3link_constants *constants,
 void hexarotor_3link_difference_batch(const hexarotor_3link_constants *constants, size_t count,
     const hexarotor_3link_real *q0, const hexarotor_3link_real *q1,
     hexarotor_3link_real *displacement);
-/** @brief The same where each state has its own constants, which are in blocks too. */
+/** @brief The same with constants for each state, also in blocks. */
 void hexarotor_3link_difference_batch_each(const hexarotor_3link_real *constants, size_t count,
     const hexarotor_3link_real *q0, const hexarotor_3link_real *q1,
     hexarotor_3link_real *displacement);

@@ -5,9 +5,9 @@
 /* SPDX-License-Identifier: MIT-0 (yours to use, change and pass on without conditions) */
 
 /*
- * Functions for batches of states, in blocks. What computes a function, as in hexarotor_3link.c, is
- * written for one lane: `stride`, which is LANES, is the distance from one entry of an array to the
- * next. It stands in a loop over the lanes of a block, which compilers vectorise.
+ * Functions for batches of states, in blocks. The code of a function, as in hexarotor_3link.c, is
+ * written for one lane: entries of an array are `stride` = LANES apart. A loop over the lanes of a
+ * block contains it, and compilers vectorise this loop.
  */
 
 #include "hexarotor_3link.h"
@@ -348,7 +348,7 @@ static WIDE void mass_matrix_block(const Constants *RESTRICT constants, const re
             angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
-    /* Compilers leave out what is computed only for what nobody reads. */
+    /* Compilers remove computations whose results are not used. */
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
         real unwanted_residual[9 * LANES];
@@ -386,7 +386,7 @@ static WIDE void residual_block(const Constants *RESTRICT constants, const real 
             angle + lane, LANES);
     }
     sine_cosine_many(6 * LANES, angle, sine, cosine);
-    /* Compilers leave out what is computed only for what nobody reads. */
+    /* Compilers remove computations whose results are not used. */
     VECTORISE
     for (int lane = 0; lane < LANES; ++lane) {
         real unwanted_mass_matrix[81 * LANES];

@@ -4,14 +4,15 @@
 /* From the folder above: gibbs-codegen generate THIS_FOLDER/robot.toml --out . */
 /* SPDX-License-Identifier: MIT-0 (yours to use, change and pass on without conditions) */
 
-/* Functions for batches of states that have constants each, from the same text as the others. */
+/* Functions for batches of states, with constants for each state. The source is that of all
+ * batches. */
 
 #define HEXAROTOR_3LINK_EACH
 #include "hexarotor_3link_batch.c"
 
 /* ---- init_constants_batch ---- */
 
-/* Constants of a lane for its parameters; 1 if they are of no use, as in hexarotor_3link.c. */
+/* Constants of one lane from its parameters; returns 1 if they are unusable, as in hexarotor_3link.c. */
 static INLINE int constants_lane(const real *RESTRICT parameters, Constants *RESTRICT constants,
     const int stride)
 {

@@ -5,14 +5,13 @@
 # SPDX-License-Identifier: MIT-0 (yours to use, change and pass on without conditions)
 """Dynamics M a = R + B u of hexarotor_3link.
 
-Straight-line functions. SI units, radians, world axes with Z up. Arrays are C-ordered float64;
-leading axes are batches and broadcast. One state is computed on plain floats, a batch on whole
-arrays.
+SI units, radians, world axes with Z up. Arrays are C-ordered float64; leading axes are batches and
+broadcast. The functions are straight-line code, which computes one state with plain floats and a
+batch with whole arrays.
 
-Where finite arguments give results that are not finite, a RuntimeWarning names the function, the
-state and the largest argument. np.errstate(invalid="ignore") silences it; with "raise" it becomes a
-FloatingPointError.
-NaN and infinite arguments propagate without a warning.
+If finite arguments give results that are not finite, a RuntimeWarning names the function, the state
+and the largest argument. np.errstate(invalid="ignore") silences it; with "raise" it becomes a
+FloatingPointError. NaN and infinite arguments propagate without a warning.
 
 Coordinates q, in order (v: their rates, a: their accelerations):
 
@@ -109,9 +108,9 @@ PARENTS = (
 POSTURE = (
     0.0, 0.0, 0.0, -0.6981317007977318, -0.6981317007977318, -0.6981317007977318, 0.0, 0.0, 0.0,
 )
-# Places in q and in v. Limits, least and greatest, by the names of entries; None is no limit. Lags
-# of rotors in s, and their angular momenta about their thrusts by the square root of these, in
-# kg m^2/s/N^0.5.
+# Indices in q and in v; limits (least, greatest) by names of entries, None for no limit; time
+# constants of rotors in s; and their angular momenta about their thrust axes, divided by the square
+# root of the thrust, in kg m^2/s/N^0.5.
 COORDINATE_PLACES: dict[str, slice] = {
     "attitude": slice(0, 3),
     "joints": slice(3, 6),
@@ -128,7 +127,7 @@ INPUT_LIMITS: dict[str, tuple[float | None, float | None]] = {}
 TIME_CONSTANTS: dict[str, float] = {}
 SPINS: dict[str, float] = {}
 
-# These are zero in the robot file and built in as such; they are not parameters.
+# These parameters of the robot file are zero and built in as zeros, so PARAMETERS lacks them.
 _FOLDED = (
     "base_drag_1", "base_drag_2", "base_drag_3", "base_drag_4", "base_drag_5", "base_drag_6",
     "link1_d", "link1_length", "link1_mass_per_length", "link1_section_inertia_xx",
@@ -161,12 +160,11 @@ def prepare(parameters: Mapping[str, ArrayLike]) -> tuple[Any, ...]:
     """Constants of the other functions for given parameters.
 
     `parameters` maps names of PARAMETERS to values; a name that is left out keeps its default.
-    A value may be an array with one for each state. Such arrays broadcast, and what they broadcast
-    to broadcasts with the leading axes of the arguments of the other functions.
-    Raises ValueError for a name that is not in PARAMETERS, for a value that is not finite, for
-    arrays that do not broadcast, and where the values leave an acceleration undetermined or cannot
-    be computed with; TypeError for what is no number.
-    """
+    A value may be an array with one number for each state. Such arrays broadcast with each other
+    and with the leading axes of the arguments of the other functions. Raises ValueError for a name
+    that is not in PARAMETERS, for a value that is not finite, for arrays that do not broadcast, and
+    for values that leave an acceleration undetermined or are too large or too small. Raises
+    TypeError for a value that is not a number. """
     return prepared(_constants, PARAMETERS, _FOLDED, parameters)
 
 
@@ -442,8 +440,8 @@ def _unknown(name: str, defaults: Mapping[str, float], folded: Sequence[str]) ->
     """
     if name in folded:
         return (
-            f"{name} is no parameter: it is zero in the robot file, and therefore built in; "
-            "gibbs-codegen generate --all-parameters keeps it"
+            f"{name} is not a parameter of this module, because it is zero in the robot file; "
+            "generate the module with --all-parameters to keep it"
         )
     close = difflib.get_close_matches(str(name), defaults, cutoff=0.5)
     hint = f"did you mean {' or '.join(close)}?" if close else "PARAMETERS has all names"
@@ -833,13 +831,13 @@ def mass_matrix_and_residual(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mass matrix M and residual R of M a = R + B u, in one pass.
 
-    R holds velocity terms, gravity, dampers and springs, with the sign of a force.
+    R contains velocity terms, gravity, dampers and springs, with the sign of a force.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
     v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
         v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     mass_matrix: array (..., 9, 9); [kg m^2] between angles, [kg] between lengths, [kg m] between
@@ -1129,7 +1127,7 @@ def mass_matrix(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDArr
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     mass_matrix: array (..., 9, 9); [kg m^2] between angles, [kg] between lengths, [kg m] between
@@ -1293,14 +1291,14 @@ def residual(
 ) -> NDArray[np.float64]:
     """Residual R of M a = R + B u, with the sign of a force.
 
-    Velocity terms, gravity, dampers and springs. Without the last two it is minus what Pinocchio
-    calls nonLinearEffects.
+    R contains velocity terms, gravity, dampers and springs. Without the last two it is minus
+    Pinocchio's nonLinearEffects.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
     v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
         v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     residual: array (..., 9); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8
@@ -1500,11 +1498,11 @@ def _residual(k, sin, cos, q, v):
 def input_matrix(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDArray[np.float64]:
     """Input matrix B of M a = R + B u.
 
-    Column k holds the generalised forces of a unit of input k.
+    Column k contains the generalised forces of a unit of input k.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     input_matrix: array (..., 9, 9); [N/N], [N m/N] and [N m/(N m)], by row and column
@@ -1583,10 +1581,10 @@ def forward_dynamics(
 ) -> NDArray[np.float64]:
     """Accelerations a of M a = R + B u.
 
-    Accurate at every attitude: next to +-90 degrees of the middle attitude angle the accelerations
-    of the other two grow as the inverse of its cosine, and what is computed from them loses as many
-    digits. Where links without mass or thickness let joints move nothing, as a massless wrist with
-    two axes in line, results are huge, infinite or not a number.
+    Accurate at every attitude: near +-90 degrees of the middle attitude angle the accelerations of
+    the other two grow as the inverse of its cosine, and results that depend on them lose as many
+    digits. Where a joint moves no mass, as in a massless wrist with two axes in line, results are
+    huge, infinite or NaN.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
@@ -1594,7 +1592,7 @@ def forward_dynamics(
         v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
     u: inputs, F_1 [N], F_2 [N], F_3 [N], F_4 [N], F_5 [N], F_6 [N], tau_7 [N m], tau_8 [N m], tau_9
         [N m]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     acceleration: array (..., 9); a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
@@ -1887,7 +1885,7 @@ def inverse_dynamics(
     a: their accelerations, a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
         a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
         [m/s^2]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     force: array (..., 9); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
@@ -2123,7 +2121,7 @@ def hybrid_mass_matrix(
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     mass_matrix: array (..., 19, 19); [kg m^2] between angles, [kg] between lengths, [kg m] between
@@ -2339,7 +2337,7 @@ def hybrid_residual(
         theta_9 [rad], x [m], y [m], z [m]
     v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
         v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     residual: array (..., 19); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_2 [N m], theta_3
@@ -2616,7 +2614,7 @@ def hybrid_input_matrix(
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     input_matrix: array (..., 19, 9); [N/N], [N m/N] and [N m/(N m)], by row and column
@@ -2702,9 +2700,9 @@ def constraint_torques(
     u: ArrayLike,
     constants: tuple[Any, ...] | None = None,
 ) -> NDArray[np.float64]:
-    """Torques that hold the constrained joints: base arms 2 ... N, and constrained links.
+    """Constraint torques of the constrained joints: base arms 2 ... N, and constrained links.
 
-    Linear in the accelerations and inputs, which need not fit each other.
+    Linear in the accelerations and inputs, which need not be consistent.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
@@ -2715,7 +2713,7 @@ def constraint_torques(
         [m/s^2]
     u: inputs, F_1 [N], F_2 [N], F_3 [N], F_4 [N], F_5 [N], F_6 [N], tau_7 [N m], tau_8 [N m], tau_9
         [N m]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     torque: array (..., 5); tau_prime_2 [N m], tau_prime_3 [N m], tau_prime_4 [N m], tau_prime_5 [N
@@ -2815,7 +2813,7 @@ def kinetic_energy(
         theta_9 [rad], x [m], y [m], z [m]
     v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
         v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     energy: array (...); [J]
@@ -2943,11 +2941,11 @@ def _kinetic_energy(k, sin, cos, q, v):
 def potential_energy(
     q: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
-    """Potential energy in J: of the weight, zero at world Z = 0, and of the springs.
+    """Potential energy in J of gravity, zero at world Z = 0, and of the springs.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     energy: array (...); [J]
@@ -3001,11 +2999,11 @@ def gravity_forces(
 ) -> NDArray[np.float64]:
     """Generalised forces of gravity: gravity's part of R.
 
-    They are minus what Pinocchio calls the generalised gravity.
+    They are minus Pinocchio's generalised gravity.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     force: array (..., 9); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
@@ -3082,13 +3080,13 @@ def wrench_forces(
 ) -> NDArray[np.float64]:
     """Generalised forces of wrenches on the frames: the sum of J^T W.
 
-    They add to B u. The wrenches are carried in from body to body, without a Jacobian.
+    They add to B u. They are computed from body to body, without a Jacobian.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
     W: wrenches on the frames, at their origins, in world axes, force [N] and torque [N m], a row
         for each of base, tip
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     force: array (..., 9); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
@@ -3228,7 +3226,7 @@ def forward_dynamics_with_wrenches(
         [N m]
     W: wrenches on the frames, at their origins, in world axes, force [N] and torque [N m], a row
         for each of base, tip
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     acceleration: array (..., 9); a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
@@ -3602,7 +3600,7 @@ def positions(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDArray
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     position: array (..., 12, 3); O1, O2, motor1, motor2, motor3, motor4, motor5, motor6, joint7,
@@ -3700,7 +3698,7 @@ def frame_poses(q: ArrayLike, constants: tuple[Any, ...] | None = None) -> NDArr
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     poses: array (..., 2, 4, 4); axes [1] and position [m], a block for each of base, tip
@@ -3783,11 +3781,11 @@ def frame_jacobians(
 ) -> NDArray[np.float64]:
     """Jacobians of the frames: linear rows, then angular rows, in world axes.
 
-    They take v to the velocities of the frames in m/s and rad/s.
+    They map v to the velocities of the frames in m/s and rad/s.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     jacobians: array (..., 2, 6, 9); [m/rad] or [1] in the first rows, [1] or [rad/m] in the others,
@@ -3900,7 +3898,7 @@ def frame_velocities(
         theta_9 [rad], x [m], y [m], z [m]
     v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
         v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     velocities: array (..., 2, 6); [m/s] in the first three, [rad/s] in the others, a row for each
@@ -4013,16 +4011,16 @@ def _frame_velocities(k, sin, cos, q, v):
 def frame_bias_accelerations(
     q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
-    """Accelerations of the frames where a is zero, gravity left out, in world axes.
+    """Accelerations of the frames where a is zero, without gravity, in world axes.
 
-    They are the Jacobians' rates times v: a frame accelerates at its Jacobian times a plus this,
-    linear entries first, then angular.
+    They are the Jacobians' rates times v, linear entries first; the whole acceleration of a frame
+    is its Jacobian times a plus this.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
     v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
         v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     bias_accelerations: array (..., 2, 6); [m/s^2] in the first three, [rad/s^2] in the others, a
@@ -4172,7 +4170,7 @@ def centre_of_mass(
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     position: array (..., 3); [m]
@@ -4227,11 +4225,11 @@ def centre_of_mass_jacobian(
 ) -> NDArray[np.float64]:
     """Jacobian of the centre of mass, in world axes.
 
-    Times the robot's mass it takes v to the linear momentum.
+    Multiplied by the robot's mass, it maps v to the linear momentum.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     jacobian: array (..., 3, 9); [m/rad or 1]
@@ -4338,13 +4336,13 @@ def coordinate_rates(
 ) -> NDArray[np.float64]:
     """Rates of the coordinates q.
 
-    With attitude angles v itself; a quaternion turns with the angular velocity of the base.
+    With attitude angles they equal v; a quaternion follows the angular velocity of the base.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
     v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
         v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     rate: array (..., 9); theta_m1 [rad/s], theta_0 [rad/s], theta_1 [rad/s], theta_7 [rad/s],
@@ -4367,15 +4365,15 @@ def _coordinate_rates(k, sin, cos, q, v):
 def integrate(
     q: ArrayLike, v: ArrayLike, constants: tuple[Any, ...] | None = None
 ) -> NDArray[np.float64]:
-    """Coordinates after a displacement v, which is a velocity times the time that it lasts.
+    """Coordinates after a displacement v, a velocity multiplied by a time.
 
-    The same as Pinocchio's integrate. The only function that normalises a quaternion.
+    The same as Pinocchio's integrate. It is the only function that normalises a quaternion.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
     v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
         v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     coordinates: array (..., 9); theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
@@ -4415,13 +4413,13 @@ def difference(
 ) -> NDArray[np.float64]:
     """Displacement from q0 to q1: integrate(q0, difference(q0, q1)) is at q1.
 
-    The same as Pinocchio's difference. A quaternion and its opposite are one attitude.
+    The same as Pinocchio's difference. A quaternion and its negative are the same attitude.
 
-    q0: coordinates to begin with, q0_theta_m1 [rad], q0_theta_0 [rad], q0_theta_1 [rad], q0_theta_7
+    q0: initial coordinates, q0_theta_m1 [rad], q0_theta_0 [rad], q0_theta_1 [rad], q0_theta_7
         [rad], q0_theta_8 [rad], q0_theta_9 [rad], q0_x [m], q0_y [m], q0_z [m]
-    q1: coordinates to end with, q1_theta_m1 [rad], q1_theta_0 [rad], q1_theta_1 [rad], q1_theta_7
-        [rad], q1_theta_8 [rad], q1_theta_9 [rad], q1_x [m], q1_y [m], q1_z [m]
-    constants: what `prepare` returns; those of the default parameters if omitted
+    q1: final coordinates, q1_theta_m1 [rad], q1_theta_0 [rad], q1_theta_1 [rad], q1_theta_7 [rad],
+        q1_theta_8 [rad], q1_theta_9 [rad], q1_x [m], q1_y [m], q1_z [m]
+    constants: result of `prepare`; default: the constants of the default parameters
 
     Returns:
     displacement: array (..., 9); theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
