@@ -70,7 +70,7 @@ def whole_model(root: Element, file: Path, values: Values) -> tuple[Element, lis
     moving = moving or [part for part in models if _has_joints(part.model)]
     if len(moving) != 1:
         names = ", ".join(printable(part.model.get("name", "?"), 60) for part in moving[:5])
-        words = f"holds {len(moving)} models that move ({names or '-'}); keep one"
+        words = f"holds {len(moving)} models that move ({names or 'none'}); keep one"
         static = [f"{printable(part.model.get('name'), 60)} is <static>" for part in models]
         values.fault(root, "; ".join([words, *([] if moving else static[:5]), *lost[:5]]))
         return root, left

@@ -82,7 +82,7 @@ class Values:
         for text in (gravity, off):
             if plain(text or "1") not in ("0", "1"):
                 words = f"its gravity flag is {printable(text, 40)}"
-                self.report("note", name, f"{words}, not by true or false{here}")
+                self.report("note", name, f"{words}, not true or false{here}")
 
     def fault(self, element: Element, message: str) -> None:
         """Note a fault of an element: what is wrong, and what would be right."""

@@ -190,7 +190,7 @@ def test_new_writes_a_file_that_generates(tmp_path: Path) -> None:
     (tmp_path / "My UAV.toml").rename(tmp_path / "my_uav.toml")
     done = run("generate", "my_uav", cwd=tmp_path)
     assert done.returncode == 2
-    assert "the robot file my_uav.toml or the module generated/my_uav" in done.stderr
+    assert "a robot file (my_uav.toml) and a module (generated/my_uav) match" in done.stderr
 
 
 def test_new_shows_both_forms_of_a_body(tmp_path: Path) -> None:

@@ -88,7 +88,7 @@ def test_what_leads_nowhere_is_left_out(
     robot, told = imported(
         URDF.replace(f"<mimic {old}", f"<mimic {new}").replace(old, new), tmp_path
     )
-    assert told[joint] == [f"that it follows joint {mover}, which does not move it"]
+    assert told[joint] == [f"its gear to joint {mover}, which does not move it"]
     assert joint in [robot.links[i - 1].coordinate for i in robot.moving]
 
 

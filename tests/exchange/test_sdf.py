@@ -385,7 +385,7 @@ REFUSED = [
     (">0 1 1<", ">0 0 0<", "its axis has no length"),
     (">0 1 1<", ">0 1<", "must have 3 numbers, not 2"),
     ("<child>boom<", "<child>bom<", "no link, joint or frame bom; did you mean boom?"),
-    ("<inertial><mass>0.2", '<inertial auto="true"><mass>0.2', "has its inertia from shapes"),
+    ("<inertial><mass>0.2", '<inertial auto="true"><mass>0.2', "takes its inertia from shapes"),
 ]
 
 

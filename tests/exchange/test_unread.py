@@ -65,7 +65,7 @@ REPORTED: list[tuple[str, dict[str, str], str, str]] = [
         for flag in ("<gravity>0</gravity>", "<turnGravityOff>true</turnGravityOff>")
     ),
     (SDF, {"link": "<gravity>false</gravity>"}, "b", "no gravity acts on it in Gazebo; here it"),
-    (SDF, {"link": "<gravity>0.5</gravity>"}, "b", "said by 0.5, not by true or false; here it"),
+    (SDF, {"link": "<gravity>0.5</gravity>"}, "b", "flag is 0.5, not true or false; here it"),
     *(
         (URDF, {"robot": f'<gazebo reference="{name}"><gravity>no</gravity></gazebo>'}, name, words)
         for name, words in {

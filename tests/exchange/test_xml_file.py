@@ -49,7 +49,7 @@ REFUSED = {
     "<a/><b/>": "something follows the end of the root element",
     "<a>&deg;</a>": "an entity",
     "<a>1 < 2</a>": "< and & are written &lt; and &amp;",
-    "{% if x %}<a/>": "a template of Jinja",
+    "{% if x %}<a/>": "a Jinja template",
     '<?xml version="1.0" encoding="punycode"?><a/>': "the encoding punycode",
     '<?xml version="1.0" encoding="zip"?><a/>': "save it as UTF-8",
 }

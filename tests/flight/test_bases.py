@@ -130,7 +130,7 @@ def test_a_base_with_two_angles_starts_turned_by_both() -> None:
     module = machine("falling", 'motion = ["yaw", "roll"]', ARM, "rpy_deg = [0, 20, 0]")
     flight = flown(module, 0.01, control={"law": "off"}, start={"turn_deg": [10, 0, 20]})
     np.testing.assert_allclose(np.degrees(flight.q[0, :2]), [20.0, 10.0], rtol=1e-12)
-    with pytest.raises(UsageError, match=r"start\.turn_deg: .* rad about y away"):
+    with pytest.raises(UsageError, match=r"start\.turn_deg: .* rad about y from where"):
         flown(module, 0.01, control={"law": "off"}, start={"turn_deg": [10, 5, 20]})
 
 
@@ -283,7 +283,7 @@ def test_what_a_base_cannot_do_is_refused_in_words() -> None:
         (
             {"base": {"path": line([0, 0, 0.2], [1, 0.5, 0.2])}},
             r"base\.path: at t = 0\.8 s .* 0\.5 m along y .* moves along x only; "
-            "leave it out of the scenario 'beyond', or take 'hold'",
+            "leave it out of the scenario 'beyond', or fly the scenario hold",
         ),
         (
             {"base": {"attitude": {"heading_deg": 10}}},

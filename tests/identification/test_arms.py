@@ -91,7 +91,7 @@ def test_a_fit_that_does_not_settle_says_so_and_writes_no_robot_file(
     found = identify(module, recording, ["elbow_mass"])
     assert (found.settled, found.robot_file, found.unseen) == (False, "", ())
     assert np.isnan(found.deviations).all()
-    assert "did not settle" in found.text().splitlines()[0]
+    assert "did not converge" in found.text().splitlines()[0]
     assert "shoulder_mass" in found.advice[0]
     assert found.advice[1].startswith("add `damping` and `friction` to the links")
     assert "±" not in found.text()
@@ -102,7 +102,7 @@ def test_a_fit_that_does_not_settle_says_so_and_writes_no_robot_file(
     options |= {"robot": str(module.__path__[0]), "free": [], "prior": 0.3, "hold_out": 0.0}
     options |= {"between": (0.0, np.inf), "room": 1.0}
     assert command(argparse.Namespace(**options)) == 1
-    assert "did not settle" in capsys.readouterr().err
+    assert "did not converge" in capsys.readouterr().err
     assert {path.name for path in (tmp_path / "new").iterdir()} == {"report.txt", "report.html"}
 
 

@@ -371,7 +371,7 @@ def test_no_regulator_brings_a_cart_to_its_side() -> None:
         (
             "radius = 0.05",
             "radius = 0.05\neffort = 1",
-            "wheel 3: effort: is of a wheel that",
+            "wheel 3: effort: applies to a wheel that",
         ),
         (
             "radius = 0.05",

@@ -390,7 +390,7 @@ def test_without_extension_and_python_headers(
     monkeypatch.setattr(caller.sysconfig, "get_path", lambda _: "/nowhere")
     plain = load(ROBOT, backend="c")
     assert isinstance(plain.mass_matrix, c_backend.GeneralFunction)
-    assert "not usable: import of gibbs_codegen.runtime._caller halted" in caplog.text
+    assert "unusable: import of gibbs_codegen.runtime._caller halted" in caplog.text
     np.testing.assert_array_equal(
         plain.mass_matrix(states["q"][0]), backends[1].mass_matrix(states["q"][0])
     )

@@ -194,7 +194,7 @@ def test_what_cannot_be_is_said(module: ModuleType, law: Program, tmp_path: Path
     with pytest.raises(OutputError, match="cannot be written"):
         write_c(law, Functions(module), tmp_path / "nowhere")
     for name in ("double", "y-1", "minimum", "Parts"):
-        with pytest.raises(UsageError, match=f"can be called '{name}'"):
+        with pytest.raises(UsageError, match=f"cannot use the name '{name}'"):
             compile_program(Program("f", (x,), {name: x + 1.0}), module)
     with pytest.raises(UsageError, match="laws: a module has a file of that name"):
         write_c(Program("laws", (x,), {"y": x + 1.0}), Functions(module), tmp_path)

@@ -269,7 +269,7 @@ def test_laws_compile_silently_as_cpp_too(
     compile_only(compiler, [level, *options], case.sources[1:], tmp_path)
     header = " ".join(Path(case.sources[1]).with_suffix(".h").read_text(encoding="utf-8").split())
     on_wheels = case.name == "rover_arm"
-    assert f"What laws know of the {'wheels' if on_wheels else 'rotors'};" in header
+    assert f"Data of the {'wheels' if on_wheels else 'rotors'} for laws;" in header
     assert ("torques of the wheels" in header) == on_wheels
 
 

@@ -126,8 +126,8 @@ def _check_place(
         k, axis = np.unravel_index(np.argmax(np.abs(off)), off.shape)
         if key and abs(off[k, axis]) > _OFF:
             raise UsageError(
-                f"{key}: at t = {time[k]:.6g} s its {'xyz'[axis]} is {off[k, axis]:.4g} {unit} "
-                f"off what the base of {vehicle.name} can reach, which {words}{advice}"
+                f"{key}: at t = {time[k]:.6g} s it is {off[k, axis]:.4g} {unit} {'xyz'[axis]} "
+                f"from where the base of {vehicle.name} can be, which {words}{advice}"
             )
 
 

@@ -129,7 +129,9 @@ def test_weights_are_needed(differentiated: Load) -> None:
 def test_a_state_that_is_not_balanced_is_told(differentiated: Load) -> None:
     module = differentiated("quadrotor")
     found = trim(module)
-    told = r"quadrotor: the state is not balanced.*: velocities change, vz by -4.91 m/s². Give a t"
+    told = (
+        r"quadrotor: the state is not an equilibrium: velocities change, vz by -4.91 m/s². Give a t"
+    )
     with pytest.warns(RuntimeWarning, match=told):
         lqr(module, found.q, found.v, 0.5 * found.u, np.ones(12), np.ones(4))
     with pytest.warns(RuntimeWarning, match=r"change, vx by .* m/s² and vz by .* m/s²\. Give"):

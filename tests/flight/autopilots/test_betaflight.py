@@ -352,7 +352,7 @@ def test_machines_that_the_firmware_does_not_fly(fast: Load) -> None:
     with pytest.raises(UsageError, match=r"hexarotor: .* four rotors as an X"):
         Betaflight(hexarotor, "127.0.0.1")
     machine = Machine(fast(ARM), read_scenario("hover", {}), servos=True)
-    with pytest.raises(UsageError, match=r"--joints: .* no servos"):
+    with pytest.raises(UsageError, match=r"--joints: .* no servo outputs"):
         Betaflight(machine, "127.0.0.1")
     with pytest.raises(UsageError, match=r"control\.rate: .* more than 50"):
         Betaflight(machine, "127.0.0.1", rate=50.0)

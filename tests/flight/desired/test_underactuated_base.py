@@ -209,7 +209,7 @@ def test_a_flip_turns_once_with_positive_thrust(quadrotor: Vehicle) -> None:
 @pytest.mark.parametrize(
     ("path", "attitude", "message"),
     [
-        (Line((0, 0, 50), (0, 0, 40), 1.21), Level(), "t = .* falls faster than freely"),
+        (Line((0, 0, 50), (0, 0, 40), 1.21), Level(), "t = .* falls faster than free fall"),
         (Line((0, 0, 50), (0, 0, 40), 2.43), Level(), "t = .* close to free fall"),
         (Circle((0, 0, 2), 0.0, 1.0), Turn((1, 0, 0), np.pi, 1.0), r"t = .*that.*kind = .turn"),
     ],

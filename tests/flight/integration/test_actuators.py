@@ -130,7 +130,7 @@ def test_joints_have_gains_of_their_own_but_where_servos_hold_them(module: Modul
         simulate(module, hover(control={"joints": {"upper": {"frequency": 20.0}}}))
     with pytest.raises(UsageError, match="elbow: actuated has no joint elbow"):
         simulate(module, hover(control={"joints": {"elbow": {"frequency": 20.0}}}))
-    with pytest.raises(UsageError, match=r"motors\.time_constant: the robot file of actuated says"):
+    with pytest.raises(UsageError, match=r"motors\.time_constant: the robot file of actuated has"):
         simulate(module, hover(motors={"time_constant": 0.05}))
     with pytest.raises(UsageError, match=r"arm\.effort\.slider: a servo drives the joint"):
         simulate(module, hover(arm={"effort": {"slider": 1.0}}))

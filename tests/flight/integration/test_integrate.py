@@ -470,7 +470,7 @@ def counted_derivatives(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 @pytest.mark.parametrize(
     ("changes", "advice"),
     [
-        ({"motors": {"limits": [0, 5]}}, "together reach 30 N, less than the weight of 88.29 N: w"),
+        ({"motors": {"limits": [0, 5]}}, "together reach 30 N, less than the weight, 88.29 N; w"),
         (
             {"motors": {"limits": [-45, 45]}, "start": {"offset": [2, 0, 0]}},
             r"^at t = 0 s .*integration.divergence\); begin nearer .* \(start.offset, .* greater",

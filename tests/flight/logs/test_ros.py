@@ -141,7 +141,10 @@ def test_imus_of_the_robot_take_the_place_of_the_exact_one(
     with pytest.raises(UsageError, match=r"has no felt that gives the imu .* there are actuator_m"):
         gibbs_codegen.read_log(fast("quadrotor_arm_2link"), tmp_path / "tables", {"imu": "felt"})
     gibbs_codegen.read_log(fast("quadrotor"), tmp_path / "bag", {"imu": "/imu/hand"})
-    assert "imu: tip: no frame of the robot; read as the base's, in its axes" in caplog.text
+    assert (
+        "imu: the robot has no frame tip; the readings are taken as those of the base"
+        in caplog.text
+    )
 
 
 def test_what_is_in_the_way_is_left_alone(flight: Flight, tmp_path: Path) -> None:

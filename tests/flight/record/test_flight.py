@@ -68,7 +68,7 @@ def test_a_flight_says_that_it_ends_far_from_its_path_or_overturned(flight: Flig
     assert spared.notes == lost.notes
     over = dataclasses.replace(flight, q=turned)
     words = (
-        "The base ends overturned, its z axis 180° from where it was to point; control may be lost"
+        "The base ends overturned, its z axis 180° off its desired direction; control may be lost"
     )
     assert over.notes[0].startswith(words)
     for times in ([0.0, 0.2], [0.4, np.inf]):

@@ -144,7 +144,9 @@ def test_a_controller_commands_at_every_sample(module: ModuleType) -> None:
 def test_what_the_file_says_is_not_said_again(module: ModuleType) -> None:
     given = arguments(module)
     for name in ("time_constants", "thrusts"):
-        with pytest.raises(UsageError, match=rf"{name}: the robot file of {module.NAME} says how"):
+        with pytest.raises(
+            UsageError, match=rf"{name}: the robot file of {module.NAME} has motors"
+        ):
             rollout(module, **given | {name: 0.05})
     with pytest.raises(UsageError, match="time_constants: the robot file of"):
         rollout(module, None, None, "hover", STEPS, DT, time_constants=0.05)
@@ -188,7 +190,7 @@ def test_actions_of_environments_are_commands(module: ModuleType) -> None:
         return np.zeros(3)
 
     settings = {"dt": DT, "steps": 2, "parameters": varied, "reward": reward, "terminated": reward}
-    with pytest.raises(UsageError, match="limits: slider_position: without limits"):
+    with pytest.raises(UsageError, match="limits: slider_position: no limits"):
         environments.VectorEnv(module, 3, **settings)
     envs = environments.VectorEnv(module, 3, limits=(low, high), **settings)
     envs.reset(seed=1)

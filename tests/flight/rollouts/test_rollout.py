@@ -237,7 +237,7 @@ def test_a_back_end_without_rollouts_is_told() -> None:
     settings = {"q0": 0.0, "v0": 0.0, "control": 0.0, "steps": 1, "dt": 0.1}
     other = ModuleType("other")
     other.backend = "casadi"
-    with pytest.raises(UsageError, match="back ends numpy, c, jax"):
+    with pytest.raises(UsageError, match="back end numpy, c, jax"):
         rollout(other, **settings)
     with pytest.raises(UsageError, match="robot: must be a module, or the name or path of one"):
         rollout(3, **settings)

@@ -244,7 +244,7 @@ def test_a_base_that_drives_is_off_sideways_too(shipped: Load) -> None:
 @pytest.mark.parametrize("task", ["reach", "track"])
 def test_targets_of_tasks_are_within_limits_of_joints(shipped: Load, task: str) -> None:
     panda = shipped("panda")
-    with pytest.raises(UsageError, match=r"hover: joint4: beyond COORDINATE_LIMITS"):
+    with pytest.raises(UsageError, match=r"hover: joint4: outside COORDINATE_LIMITS"):
         VectorEnv(panda, 2, task=task)
     low, high = np.transpose([panda.COORDINATE_LIMITS[name] for name in panda.COORDINATES])
     hover = 0.9 * high + 0.1 * low
@@ -426,7 +426,7 @@ def test_machine_that_diverges_ends_without_warnings(quadrotor: ModuleType) -> N
 
 
 WRONG: list[tuple[dict[str, Any], str]] = [
-    ({"limits": (0.0, np.inf)}, "limits: F_front_left, .*: without limits"),
+    ({"limits": (0.0, np.inf)}, "limits: F_front_left, .*: no limits"),
     ({"limits": (0.0, [1.0, 2.0])}, "limits: must be the least and the greatest values"),
     ({"limits": 3}, "limits: must be the least and the greatest values"),
     ({"limits": (5.0, 1.0)}, "limits: entry 0: the least value 5 must not be above"),
@@ -463,8 +463,8 @@ WRONG: list[tuple[dict[str, Any], str]] = [
         'ranges: with action="inputs" must be within the limits',
     ),
     ({"task": ["hover"]}, "task: one of hover, reach, track, push, not"),
-    ({"joints": "torque"}, 'joints: nothing with action="inputs"; leave it out'),
-    ({"control": Control()}, 'control: nothing with action="inputs"; leave it out'),
+    ({"joints": "torque"}, 'joints: has no effect with action="inputs"; leave it out'),
+    ({"control": Control()}, 'control: has no effect with action="inputs"; leave it out'),
     ({"action": "rates", "control": 5}, "control: a Control, not 5"),
     ({"swings": 3}, "swings: values by name, not 3"),
     ({"observe": lambda now: now.time}, r"observe: an array \(3, m\), not of shape \(3,\)"),
@@ -517,7 +517,7 @@ def test_wrong_actions_and_results_are_told(quadrotor: ModuleType) -> None:
     for seed in ([1, 2], 3.5):
         with pytest.raises(UsageError, match="seed: a whole number, or 3 of them, not "):
             ours.reset(seed=seed)  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match="reset_mask: 3 flags"):
+    with pytest.raises(UsageError, match="reset_mask: must be 3 flags"):
         ours.reset(options={"reset_mask": np.zeros(3, dtype=bool)})
 
 

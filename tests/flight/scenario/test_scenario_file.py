@@ -459,7 +459,7 @@ def test_what_should_be_a_table(path: tuple[str, ...], value: object) -> None:
         ("arm.limits_deg", {"theta_9": [0, 0]}, "the lower limit must be below the upper"),
         ("arm.limits_deg", {"theta_9": [9, -9]}, "the lower limit must be below the upper"),
         ("arm.limits_deg", {"theta_9": 9}, "theta_9: must be a list of 2 numbers, not a number"),
-        ("arm", {"guess_deg": {"theta_7": 1}}, "arm.guess_deg: is where the search for a tip path"),
+        ("arm", {"guess_deg": {"theta_7": 1}}, "arm.guess_deg: starts the search for a tip path"),
         ("start.offset", [0, 0], "must have 3 numbers, not 2"),
         ("start.turn_deg", [0, 0, "x"], "turn_deg 3: must be a number, not a string"),
         ("control.frequency", 1e300, "must be at most 1e+12 in size, not 1e+300"),
@@ -928,4 +928,4 @@ def test_a_fault_of_keys_is_said_by_the_first_scenario_of_a_process() -> None:
         except ScenarioFileError as error:
             print(error)
     """
-    assert "frames already says what the arm does" in run([sys.executable, "-c", code])
+    assert "frames already gives the motion of the arm" in run([sys.executable, "-c", code])

@@ -228,5 +228,5 @@ def test_what_is_imported_within_a_function_and_is_not_there_is_refused():
 
         return h(flight)
 
-    with pytest.raises(UsageError, match=r"what the module no_such_helpers does.*at the top"):
+    with pytest.raises(UsageError, match=r"the module no_such_helpers, which .*at the top"):
         fingerprint(measure)

@@ -292,7 +292,7 @@ def test_what_varies_decides_which_derivatives_are_generated(tmp_path, monkeypat
             {"parameters": {"motors.time_constant": normal(0.01, 0.01)}, "samples": 64},
             r"hover: motors\.time_constant: must be at least 0, not -0\.01",
         ),
-        ({"samples": 4}, "nothing is drawn"),
+        ({"samples": 4}, "no value is random"),
         ({"samples": 0}, "samples: must be a whole number of 1 or more, not 0"),
         ({"seed": -1}, "seed: must be a whole number of 0 or more"),
         ({"measure": {"a": "tip_error.most"}}, "must come one of max"),
