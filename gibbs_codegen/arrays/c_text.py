@@ -865,15 +865,17 @@ _TAKEN = _RESERVED | set(_KEYWORDS.split())
 
 
 def _check_names(program: Program) -> None:
-    """Raise `UsageError` for names that C has for itself, or that are none."""
-    names = dict.fromkeys((program.name, *program.names, *program.outputs))
+    """Raise `UsageError` for names that C reserves, that are no names, or that come twice."""
+    own = [*program.names, *program.outputs]
     wrong = [
-        name for name in names if not (name.isascii() and name.isidentifier()) or name in _TAKEN
+        name
+        for name in dict.fromkeys((program.name, *own))
+        if not (name.isascii() and name.isidentifier()) or name in _TAKEN or own.count(name) > 1
     ]
     if wrong:
         raise UsageError(
             f"{program.name}: C cannot use the name {', '.join(map(repr, wrong))}; use letters, "
-            "digits and underscores, and no word of C or of the text around the program"
+            "digits and underscores, no word of C or of the text around it, and each name once"
         )
 
 

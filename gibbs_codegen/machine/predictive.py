@@ -108,8 +108,8 @@ class Horizon:
     cost: Program | None = None
 
     @property
-    def told(self) -> dict[str, tuple[int, ...]]:
-        """Shapes of what the cost of one's own is told of a node, beside its state and inputs."""
+    def signals(self) -> dict[str, tuple[int, ...]]:
+        """Shapes of the inputs of the user's cost except the state and inputs of a node."""
         pairs = zip(self.cost.names, self.cost.inputs, strict=True) if self.cost else ()
         return {name: x.shape for name, x in pairs if name not in ("q", "v", "u")}
 
@@ -162,7 +162,7 @@ class Horizon:
         """Length of what says where a node is to be."""
         robot = self.robot
         led = 3 * len(self.points) + 9 * len(self.orientations)
-        led += sum(map(math.prod, self.told.values()))
+        led += sum(map(math.prod, self.signals.values()))
         return led + robot.space.coordinates + robot.space.velocities + robot.inputs
 
     @cached_property
@@ -292,7 +292,7 @@ class Horizon:
         weights = variable("weights", sum(self.weight_sizes.values()), uniform=True)
         n, nv = robot.space.coordinates, robot.space.velocities
         sizes = {"q": n, "v": nv, "motors": self.motors, "before": self.before}
-        led = {f"told {name}": math.prod(shape) for name, shape in self.told.items()}
+        led = {f"cost {name}": math.prod(shape) for name, shape in self.signals.items()}
         led |= {"points": 3 * len(self.points), "rotations": 9 * len(self.orientations)}
         return NodeInputs(
             [u, x, after, h, references, weights, *self._shared],
@@ -345,8 +345,8 @@ class Horizon:
     def _asked(self, node: NodeInputs, u: Node) -> list[Node]:
         """Arguments of the cost of one's own."""
         given = {"q": node.q, "v": node.v, "u": u}
-        for name, shape in self.told.items():
-            given[name] = reshaped(node.reference[f"told {name}"], shape)
+        for name, shape in self.signals.items():
+            given[name] = reshaped(node.reference[f"cost {name}"], shape)
         return [given[name] for name in self.cost.names] if self.cost else []
 
     def _missed(self, node: NodeInputs, u: Node) -> tuple[Node, Node]:

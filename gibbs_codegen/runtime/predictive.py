@@ -1,8 +1,8 @@
 """A predictive controller in C: its programs and its solver, with a header for users of C.
 
-What it is told and tells stands in one structure of real numbers, whose members `members` lists: C
+One structure of real numbers holds its inputs and results; `members` lists its members: C
 has its type from there, and NumPy its arrays. Both compile the same text; for users of C a function
-follows that fills the structure with what a controller was told.
+follows that fills the structure with the arguments of a controller.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ class Transcription:
         horizon, steps, rows = self.horizon, self.steps, max(len(self.rows), 1)
         robot, motors = horizon.robot, max(horizon.motors, 1)
         sizes = {
-            **{f"{name}, of the cost": math.prod(shape) for name, shape in horizon.told.items()},
+            **{f"{name}, of the cost": math.prod(shape) for name, shape in horizon.signals.items()},
             "points (3 each, m, world axes)": 3 * len(horizon.points),
             "rotations (9 each, row by row, frame to world)": 9 * len(horizon.orientations),
             "q": robot.space.coordinates,

@@ -182,47 +182,48 @@ class NoPlanError(GibbsCodegenError):
 class Predictive:
     """A controller that leads frames of a machine along paths, within limits.
 
-    It is a controller as `simulate` and `Simulation` take one: called with an `Observation`, it
-    returns inputs. Of the scenario's motion nothing is used.
+    It is a controller for `simulate` and `Simulation`: called with an `Observation`, it returns
+    inputs. It ignores the motion of the scenario.
 
     Args:
         module: The robot's module, with the C back end and derivatives.
-        hover: State and inputs at rest, about which it plans, as `trim` returns.
+        hover: State and inputs at rest, about which it plans, such as a `Trim`.
         points: Positions (n, 3), m, at times (n), s, of frames by name.
         orientations: Rotations (n, 3, 3), frame to world, at times (n), s, of frames by name.
-        posture: Coordinates (n, nq) at times (n), s; those of hover if None, moved along with the
-            first point, and turned and bent as far as other frames that are led need it.
-        feedforward: Inputs (n, nu) at times (n), s, off which they cost; those of hover if None.
-        parameters: Of the robot as it is known, as `prepare` takes them.
-        step: Length of the first step, s, which is also how often it plans.
-        nodes: How many steps the horizon has.
-        growth: How much longer each step is than the one before.
-        tolerances: What is as bad as anything else.
-        actuators: Limits and lag, of a `Scenario` that has them; those of the robot file if None.
-        rates: Greatest rates of inputs, N/s and N m/s, one or (nu); None for none.
-        iterations: How often it linearises and solves at an instant.
-        farthest: What is further off its path, m, is led there by places that begin so far ahead of
-            it and move at the tolerance of velocity; five times that of a point if None. With more,
-            machines that lean may tumble.
-        delay: How much later inputs take effect, s, a step at most, for which it makes up; if
-            None it knows of none, and a scenario's `control.delay` finds it unprepared.
-        deadline: If a plan takes longer, s, it serves from the next instant on, and the last one is
-            followed meanwhile; None if it is waited for.
-        method: How the prediction takes its steps: "rk4", or "trapezoidal", which dampers do not
-            make unstable; if None the one where no joint has a damper, and else the other.
-        walls: Walls that frames may touch, of a `Scenario`: a frame that is led into one presses.
-        surroundings: A scenario, or the name or path of one, whose wind, payloads, push and walls
-            are foreseen, and spinning rotors: at every instant as they are then.
+        posture: Coordinates (n, nq) at times (n), s; if None those of hover, moved with the first
+        point, and turned and bent as the other frames need.
+        feedforward: Reference inputs (n, nu) at times (n), s, whose deviations cost; those of hover
+        if None.
+        parameters: Parameters of the predicted robot, as `prepare` takes them.
+        step: Length of the first step, s, and time between plans.
+        nodes: Number of steps in the horizon.
+        growth: Ratio of the lengths of a step and of the step before.
+        tolerances: Deviations that cost the same.
+        actuators: Limits and lag, from a `Scenario`; those of the robot file if None.
+        rates: Greatest rates of inputs, N/s and N m/s, one or (nu); None: no limits.
+        iterations: Number of linearisations and solutions at an instant.
+        farthest: Beyond this distance from a path, m, the target is a point this far ahead, which
+        moves to the path at the velocity tolerance; five times the tolerance of a point if None.
+        With more, machines that lean may tumble. It does not act on `cost`.
+        delay: Delay of the inputs, s, at most a step, which it compensates. If None it compensates
+        no delay, not even a scenario's `control.delay`.
+        deadline: If computing a plan takes longer, s, the plan acts from the next instant on, and
+        until then the last one does. If None the flight waits.
+        method: Method of the prediction: "rk4", or "trapezoidal", which stays stable with dampers;
+        if None "rk4" if no joint has a damper, else "trapezoidal".
+        walls: Walls that frames may touch, from a `Scenario`: a frame whose path leads into one
+        presses.
+        surroundings: A scenario, or its name or path, whose wind, payloads, push and walls are
+        predicted, and spinning rotors: each as at the instant of planning.
         cost: A program whose one output is a vector; half its square is added to the cost of every
-            node. Inputs may be q, v and u, as `Functions(module)` makes them, of the nodes' states
-            and inputs, `time`, s, and those that it is `told`. At the end u is that of hover, or
-            `feedforward`.
-        told: Values (n, …) at times (n), s, by names of inputs of `cost`.
+            node. Its inputs may be q, v and u of a node, as `Functions(module)` makes them, `time`,
+            s, and `signals`. At the last node u is that of hover, or `feedforward`.
+        signals: Further inputs of `cost` by name: values (n, …) at times (n), s.
 
     Raises:
-        UsageError: If an argument is not what it must be.
+        UsageError: If an argument is wrong.
         MissingFunctionError: If the module was generated without a derivative.
-        CompilerError: If there is no compiler that works.
+        CompilerError: If there is no working compiler.
     """
 
     module: ModuleType
@@ -246,7 +247,7 @@ class Predictive:
     walls: Sequence[Wall] = ()
     surroundings: AnyScenario | None = None
     cost: Program | None = None
-    told: Mapping[str, Path] = field(default_factory=dict)
+    signals: Mapping[str, Path] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._check_kinds()
@@ -418,7 +419,7 @@ class Predictive:
         return u
 
     def write_c(self, folder: str | os.PathLike[str]) -> list[pathlib.Path]:
-        """Write the controller as C for a companion computer, with all that it was told.
+        """Write the controller as C for a companion computer, with all of its arguments.
 
         It is compiled with the module's `<robot>.c`, and needs no memory but a variable of the type
         `<robot>_predictive`. Paths are not in it: `<robot>_predictive_step` is given a state and
@@ -449,7 +450,7 @@ class Predictive:
         kinds: dict[str, tuple[Any, str]] = {
             "module": (ModuleType, 'a module, as load(folder, backend="c") returns'),
             **dict.fromkeys(("points", "orientations"), (Mapping, paths)),
-            "told": (Mapping, 'functions of times by names of inputs, such as {"ball": path}'),
+            "signals": (Mapping, 'functions of times by names of inputs, such as {"ball": path}'),
             "cost": (Program | None, "a `Program`, as gibbs_codegen.arrays has them"),
             **dict.fromkeys(("posture", "feedforward"), (Callable | None, "a function of times")),
             "parameters": (Mapping, 'numbers by names of parameters, such as {"gravity": 3.7}'),
@@ -464,10 +465,10 @@ class Predictive:
             for x, (kind, words) in kinds.items()
             if not isinstance(robot if x == "module" else getattr(self, x), kind)
         ]
-        every = (self.points, self.orientations, self.told)
+        every = (self.points, self.orientations, self.signals)
         led = [] if faults else [pair for some in every for pair in some.items()]
         if any(not isinstance(x, str) or not callable(path) for x, path in led):
-            faults = [("points, orientations and told", paths)]
+            faults = [("points, orientations and signals", paths)]
         if not faults and not all(isinstance(wall, Wall) for wall in self.walls):
             faults = [("walls", "walls, as `read_scenario(…).walls` has them")]
         for name, words in faults:
@@ -483,7 +484,10 @@ class Predictive:
             *((f"orientations[{x!r}]", path, (3, 3)) for x, path in self.orientations.items()),
             ("posture", self.posture, (len(self.hover.q),)),
             ("feedforward", self.feedforward, (len(self.hover.u),)),
-            *((f"told[{x!r}]", path, self.horizon.told[x]) for x, path in self.told.items()),
+            *(
+                (f"signals[{x!r}]", path, self.horizon.signals[x])
+                for x, path in self.signals.items()
+            ),
         ]
         for name, path, shape in paths:
             if path is None:
@@ -588,7 +592,7 @@ class Predictive:
 
     def _check_cost(self, robot: Functions) -> None:
         """Raise `UsageError` for a cost that is not one of the nodes of this machine."""
-        told, cost, name = {*self.told}, self.cost, robot.name
+        unmatched, cost, name = {*self.signals}, self.cost, robot.name
         if cost is not None:
             nodes = (*robot.state(), variable("u", robot.inputs), variable("time"))
             own = dict(zip(("q", "v", "u", "time"), nodes, strict=True))
@@ -609,11 +613,11 @@ class Predictive:
             ):
                 if not is_right:
                     raise UsageError(f"predictive: cost: {cost.name} must {words}")
-            told ^= {*cost.names} - {*own}
-        if told:
+            unmatched ^= {*cost.names} - {*own}
+        if unmatched:
             raise UsageError(
-                "predictive: told must have a function of times for each input of the cost beside "
-                f"q, v, u and time, and no more; it differs by {', '.join(sorted(told))}"
+                "predictive: signals must have one function of times for each input of the cost "
+                f"except q, v, u and time; it differs by {', '.join(sorted(unmatched))}"
             )
 
     @cached_property
@@ -795,17 +799,17 @@ class Predictive:
             u = self._inputs + moved @ pushing[:, places].T
         else:
             u = self._inputs
-        led = [*self._told(times), *led]
+        led = [*self._signals_at(times), *led]
         first, *parts = self._wishes
         for wish, part in zip(parts, (q[:-1], v, u), strict=True):
             wish[:] = part
         if led:
             np.concatenate([x[:-1] for x in led], axis=1, out=first)
 
-    def _told(self, times: Array) -> list[Array]:
-        """What the cost of one's own is told at times (n), s, in rows (n, …)."""
-        paths = {"time": lambda at: at, **self.told}
-        return [np.reshape(paths[name](times), (len(times), -1)) for name in self.horizon.told]
+    def _signals_at(self, times: Array) -> list[Array]:
+        """Signals of the user's cost at times (n), s, in rows (n, …)."""
+        paths = {"time": lambda at: at, **self.signals}
+        return [np.reshape(paths[name](times), (len(times), -1)) for name in self.horizon.signals]
 
     def _led(self, path: Array, place: Array, times: Array) -> Array:
         """A path (n, 3), m, at times (n), s, that begins near a place and does not jump.
@@ -915,13 +919,13 @@ class Predictive:
         before = self._inputs if horizon.changes else np.zeros(0)
         x = np.concatenate([hover.q, v, self._settled, before])
         # Costs of one's own may be least elsewhere.
-        program, told = replace(horizon, cost=None).node(), self._told(np.zeros(1))
+        program, signals = replace(horizon, cost=None).node(), self._signals_at(np.zeros(1))
         arguments = {
             "u": self._inputs,
             "x": x,
             "x_next": x,
             "h": self.step,
-            "reference": self._hovering()[sum(x.size for x in told) :],
+            "reference": self._hovering()[sum(x.size for x in signals) :],
             "weights": arrays["weights"],
             "lag_times": arrays["lag_times"][: horizon.lag_times],
             "around": arrays["around"],
@@ -953,7 +957,7 @@ class Predictive:
         parts = [poses[frame, :3, 3] for frame in self.horizon.points]
         parts += [poses[frame, :3, :3].ravel() for frame in self.horizon.orientations]
         still = np.zeros(self.horizon.robot.space.velocities)
-        parts = [*(x[0] for x in self._told(np.zeros(1))), *parts]
+        parts = [*(x[0] for x in self._signals_at(np.zeros(1))), *parts]
         return np.concatenate([*parts, hover.q, still, self._inputs])
 
 

@@ -256,7 +256,7 @@ def test_a_cost_of_ones_own_is_that_of_tolerances(either: ModuleType) -> None:
         exact,
         tolerances=loose,
         cost=Program("own", (v, target, u, q), {"missed": join(*wishes)}),
-        told={"target": path["tip"]},
+        signals={"target": path["tip"]},
     )
     own._compiled.arrays["ahead"][:] = exact._compiled.arrays["ahead"]
     x, still = exact.hover.q, np.zeros(len(either.VELOCITIES))
@@ -290,7 +290,7 @@ def test_a_cost_of_ones_own_is_as_small_as_scipy_makes_it(module: ModuleType) ->
         nodes=3,
         iterations=100,
         cost=Program("off_a_ball", (q, centre, time), asked),
-        told={"centre": ball},
+        signals={"centre": ball},
     )
     now, still = 2.0, np.zeros(len(module.VELOCITIES))
     own.inputs(now, own.hover.q, still)
@@ -399,20 +399,20 @@ def test_what_is_wrong_is_told(module: ModuleType) -> None:
             r"points\['tip'\]: must be a function",
         ),
         ({"posture": lambda t: np.full((len(t), 8), np.nan)}, "posture: must be .* NaN"),
-        ({"points": {"tip": 3.0}}, "points, orientations and told must be functions of"),
-        ({"points": {3: len}}, "points, orientations and told must be functions of"),
+        ({"points": {"tip": 3.0}}, "points, orientations and signals must be functions of"),
+        ({"points": {3: len}}, "points, orientations and signals must be functions of"),
         ({"parameters": 3.0}, "parameters must be numbers by names"),
         ({"rates": "fast"}, "rates: must be above 0, one or as many as inputs, not 'fast'"),
         ({"rates": [1.0, 2.0]}, r"rates: must be above 0, .* shape \(2,\)"),
         ({"tolerances": Tolerances(joints=[0.1, 0.1])}, "one for each of the 1 joints"),
         ({"cost": 3.0}, "cost must be a `Program`"),
-        ({"told": {"ball": len}}, "told must have .* it differs by ball"),
+        ({"signals": {"ball": len}}, "signals must have .* it differs by ball"),
         (
             {
                 "cost": Program("a", (u, w), {"a": w * u}),
-                "told": {"w": lambda t: np.ones((2, 9))},
+                "signals": {"w": lambda t: np.ones((2, 9))},
             },
-            r"told\['w'\]: must be .* finite numbers \(n\)",
+            r"signals\['w'\]: must be .* finite numbers \(n\)",
         ),
         *(
             ({"cost": Program("own", inputs, outputs)}, words)
