@@ -230,7 +230,7 @@ class MissingFunctionError(UsageError, AttributeError):
 
 
 class WrongModuleError(GibbsCodegenError):
-    """Emitted functions that are not those of the robot; `failures` names what failed."""
+    """Emitted functions that fail their checks; `failures` names the checks."""
 
     exit_code = 1
 

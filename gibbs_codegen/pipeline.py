@@ -68,8 +68,8 @@ def generate(
         keep_zeros: Whether parameters that are zero in the file stay parameters.
         verify: Whether to check the functions first, in a moment, against Newton–Euler equations
             that share no code with the derivation, and with each other.
-        force: Whether a module's folder with files that were not generated, or were changed since,
-            is kept under another name, which the log `gibbs_codegen` tells, instead of refused.
+        force: Whether to rename a folder of the module that holds other or changed files, instead
+            of refusing; the log `gibbs_codegen` has the name.
         derivatives: Which derivatives are there: with True all that are not long, or none of them;
             one name, or several; "all" stands for the long ones too.
         functions: Which other functions are there: names, or groups as "dynamics" and "hybrid";

@@ -325,9 +325,9 @@ static INLINE void sine_cosine_many(const int count, const real *RESTRICT angle,
 }
 
 /*
- * Arctangent. The nearest of 0, pi/4 and pi/2 is subtracted from the angle; the tangent of the rest
- * is a quotient, and a polynomial gives the rest itself. Without branches and library calls,
- * compilers vectorise loops over lanes.
+ * Arctangent. The nearest of 0 and pi/4 is subtracted from the angle; the tangent of the rest is a
+ * quotient, and a polynomial gives the rest itself. Without branches and library calls, compilers
+ * vectorise loops over lanes.
  */
 #ifdef SINGLE
 #define QUARTER_PI_LOST R(-2.7827534e-08)
@@ -345,15 +345,14 @@ static INLINE void sine_cosine_many(const int count, const real *RESTRICT angle,
                               (zz) * (R(-0.043589651738898149) + (z) * R(0.02125823611143757)))))
 #endif
 
-/* Of a finite number. */
+/* Of a number from -1 to 1. */
 static INLINE real arctangent(const real x)
 {
     AS_WRITTEN
     const real half = R(0.5), size = LIBRARY(fabs)(x);
     const real above = half + LIBRARY(copysign)(half, size - R(0.41421356237309505));
-    const real steep = half + LIBRARY(copysign)(half, size - R(2.4142135623730951));
-    const real flat = R(1.0) - steep, angle = (above + steep) * R(0.78539816339744831);
-    const real r = (flat * size - above) / (above * size + flat);
+    const real angle = above * R(0.78539816339744831);
+    const real r = (size - above) / (above * size + R(1.0));
     const real z = r * r;
     const real zz = z * z;
     const real rest = (r * z) * ARCTANGENT_SERIES(z, zz) + angle * QUARTER_PI_LOST;

@@ -343,7 +343,7 @@ def prepared(
 
     Returns:
         The constants, all of them finite: floats, and arrays (...) where they differ from state to
-        state, of which the first has the shape that all broadcast to.
+            state; the first array has the shape of the whole batch.
 
     Raises:
         TypeError: What is given is no mapping, or no number.
@@ -419,7 +419,7 @@ def first_of(kind: str, wrong: NDArray[np.bool_]) -> tuple[tuple[Any, ...], str]
 
     Args:
         kind: What they are, in the singular.
-        wrong: Array (...), which of them are; not none.
+        wrong: Array (...), which of them are wrong; at least one is.
 
     Returns:
         Its index, and words such as "value 17 of 1000".
@@ -456,7 +456,7 @@ def real_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
         values: Numbers, or nested sequences of them.
 
     Returns:
-        An array of the shape that NumPy gives the values; not a copy where none is needed.
+        An array of the shape that NumPy gives the values, copied only if necessary.
 
     Raises:
         TypeError: An entry is not a real number.
@@ -632,7 +632,7 @@ class Evaluator:
         constants: tuple[Any, ...] | None,
         *arguments: NDArray[np.float64],
     ) -> tuple[Sequence[Any], tuple[int, ...]]:
-        """Evaluate a kernel, and warn where finite arguments give what is not finite.
+        """Evaluate a kernel, and warn if finite arguments give results that are not finite.
 
         Args:
             kernel: What computes the entries.
@@ -679,8 +679,8 @@ class Evaluator:
 
         Args:
             function: Its name.
-            compute: Calls the others, which do not warn meanwhile.
-            arguments: The arguments by name, which the warning tells.
+            compute: Calls the other functions, whose warnings are off.
+            arguments: The arguments by name, for the warning.
 
         Returns:
             What `compute` returns, arrays (..., rows).
@@ -712,7 +712,7 @@ class Evaluator:
         arguments: Sequence[NDArray[np.float64]],
         batch: tuple[int, ...],
     ) -> Sequence[Any]:
-        """Entries of a kernel's output, whatever they are, once what is not finite is reported.
+        """Entries of a kernel's output, after a report of those that are not finite.
 
         Args:
             kernel, k: What computes the entries, and its constants.
@@ -738,7 +738,7 @@ def _argument_names(kernel: Callable[..., Any]) -> list[str]:
 
 
 class NotFiniteReport:
-    """Says where functions of a module gave what is not finite though their arguments are."""
+    """Reports results of a module's functions that are not finite for finite arguments."""
 
     def __init__(
         self,

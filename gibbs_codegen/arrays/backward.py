@@ -39,7 +39,7 @@ def gradient(program: Program, by: str | Iterable[str]) -> Program:
         and gradients by coordinates by displacements in the tangent space.
 
     Raises:
-        UsageError: If what is called in the program has no derivatives, or an input is unknown.
+        UsageError: If a function that the program calls has no derivatives, or an input is unknown.
         MissingFunctionError: If the module was generated without the derivatives that it needs.
     """
     names = (by,) if isinstance(by, str) else tuple(by)

@@ -113,7 +113,7 @@ def write_c(
     Args:
         program: The program.
         robot: The robot whose functions it calls.
-        folder: Where the two files are written; the compiler's -I names that of the module.
+        folder: Folder for the two files; give the folder of the module to the compiler with -I.
         words: What it does, in a sentence for the header.
 
     Returns:

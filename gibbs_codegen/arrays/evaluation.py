@@ -362,8 +362,8 @@ def evaluate(
         xp: `numpy` or `jax.numpy`.
 
     Returns:
-        Arrays by the names of the outputs, with the leading axes of what they are made of: none
-        where an output is constant or made of inputs without.
+        Arrays by the names of the outputs, with the leading axes of what they are made of: no axes
+            where an output is constant or depends on inputs without axes.
 
     Raises:
         UsageError: If inputs, modules or externals are missing, or inputs are not of the shapes

@@ -36,11 +36,11 @@ def jacobian(program: Program, by: str | Iterable[str]) -> Program:
     Returns:
         A program of the same inputs whose outputs are those of the program and, for each of them
         and each input, `<output>_by_<input>`: the derivatives of each entry, in the last axis by
-        the entries of the input. Those by coordinates are by a displacement in the tangent space,
-        and those of coordinates are displacements.
+        the entries of the input. Derivatives by coordinates are by a displacement in the tangent
+        space; derivatives of coordinates are displacements.
 
     Raises:
-        UsageError: If what is called in the program has no derivatives, or an input is unknown.
+        UsageError: If a function that the program calls has no derivatives, or an input is unknown.
         MissingFunctionError: If the module was generated without the derivatives that it needs.
     """
     return _jacobian(program, program.chosen(by))

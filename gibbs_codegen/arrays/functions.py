@@ -155,7 +155,7 @@ class Functions:
 
         Args:
             q: Coordinates (nq).
-            displacement: Of each velocity (nv), in rad or m.
+            displacement: Displacement along each velocity (nv), rad or m.
 
         Returns:
             The node.
@@ -229,7 +229,7 @@ class Functions:
 
         Raises:
             MissingFunctionError: If the module was generated without the function.
-            UsageError: If the arguments are not those of the function.
+            UsageError: If the arguments do not match the function.
         """
         if name not in self.signatures:
             options = options_with([name], [*self.signatures])

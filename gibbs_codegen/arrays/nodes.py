@@ -719,7 +719,7 @@ class Program:
 
     @cached_property
     def nodes(self) -> list[Node]:
-        """All nodes, each after those of which it is made."""
+        """All nodes, each after its arguments."""
         return ordered(self.outputs.values())
 
     @cached_property

@@ -134,7 +134,7 @@ class Evaluator:
         constants: tuple[Any, ...] | None,
         *arguments: NDArray[np.float64],
     ) -> tuple[Sequence[Any], tuple[int, ...]]:
-        """Evaluate a kernel, and warn where finite arguments give what is not finite.
+        """Evaluate a kernel, and warn if finite arguments give results that are not finite.
 
         Args:
             kernel: What computes the entries.
@@ -181,8 +181,8 @@ class Evaluator:
 
         Args:
             function: Its name.
-            compute: Calls the others, which do not warn meanwhile.
-            arguments: The arguments by name, which the warning tells.
+            compute: Calls the other functions, whose warnings are off.
+            arguments: The arguments by name, for the warning.
 
         Returns:
             What `compute` returns, arrays (..., rows).
@@ -214,7 +214,7 @@ class Evaluator:
         arguments: Sequence[NDArray[np.float64]],
         batch: tuple[int, ...],
     ) -> Sequence[Any]:
-        """Entries of a kernel's output, whatever they are, once what is not finite is reported.
+        """Entries of a kernel's output, after a report of those that are not finite.
 
         Args:
             kernel, k: What computes the entries, and its constants.
@@ -240,7 +240,7 @@ def _argument_names(kernel: Callable[..., Any]) -> list[str]:
 
 
 class NotFiniteReport:
-    """Says where functions of a module gave what is not finite though their arguments are."""
+    """Reports results of a module's functions that are not finite for finite arguments."""
 
     def __init__(
         self,

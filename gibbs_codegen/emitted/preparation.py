@@ -36,7 +36,7 @@ def prepared(
 
     Returns:
         The constants, all of them finite: floats, and arrays (...) where they differ from state to
-        state, of which the first has the shape that all broadcast to.
+            state; the first array has the shape of the whole batch.
 
     Raises:
         TypeError: What is given is no mapping, or no number.
@@ -112,7 +112,7 @@ def first_of(kind: str, wrong: NDArray[np.bool_]) -> tuple[tuple[Any, ...], str]
 
     Args:
         kind: What they are, in the singular.
-        wrong: Array (...), which of them are; not none.
+        wrong: Array (...), which of them are wrong; at least one is.
 
     Returns:
         Its index, and words such as "value 17 of 1000".
@@ -149,7 +149,7 @@ def real_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
         values: Numbers, or nested sequences of them.
 
     Returns:
-        An array of the shape that NumPy gives the values; not a copy where none is needed.
+        An array of the shape that NumPy gives the values, copied only if necessary.
 
     Raises:
         TypeError: An entry is not a real number.

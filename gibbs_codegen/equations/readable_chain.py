@@ -276,7 +276,7 @@ def chain_closed_form(robot: Robot, number: int) -> ChainClosedForm:
 
     Args:
         robot: The robot.
-        number: Of the chain, 1 to N.
+        number: Number of the chain, 1 to N.
 
     Returns:
         The closed form. A constrained joint keeps its acceleration as a symbol; its rate is zero.

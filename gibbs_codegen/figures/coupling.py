@@ -58,7 +58,7 @@ def coupling_figure(robot: AnyRobot) -> Figure:
     """Draw Fig. 6: each chain's unknowns, and which of the hybrid system's unknowns each is.
 
     The hybrid unknowns are numbered by their rows, from −1. Arrows and boxes have the colours of
-    the chains. The three unknowns of the attitude share a line and an arrow, and so do those of the
+    the chains. The three unknowns of the attitude share a line and an arrow, as do the three of the
     position, which every chain has.
 
     Args:

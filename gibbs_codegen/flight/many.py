@@ -240,7 +240,7 @@ def simulate_many(
         robot: As of `simulate`.
         scenarios: What is flown, each as of `simulate`.
         threads: How many threads share the flights that are computed side by side.
-        progress: Is told what is being done, and the share of it that is done, 0 to 1.
+        progress: Called with the name of the work and the share done, 0 to 1.
         blocks: Whether flights that can be computed side by side are, even one by itself, so that
             results do not depend on how many there are; None: where there are two or more alike.
 

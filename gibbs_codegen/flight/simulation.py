@@ -103,7 +103,7 @@ def simulate(
         scenario: A scenario, or what `read_scenario` takes: its name or path, or its tables.
         controller: What commands the inputs instead of the scenario's law: a callable that takes an
             `Observation` and returns inputs u (nu). See docs/howto/controllers.md.
-        progress: Is told what is being done, and the share of it that is done, 0 to 1.
+        progress: Called with the name of the work and the share done, 0 to 1.
 
     Returns:
         The flight. If it had to end early, its `stopped` says why; `notes` have what else is to

@@ -36,7 +36,7 @@ from gibbs_codegen.machine.state import State
 
 
 class Simulation:
-    """A flight that goes on as far as it is stepped, with everything that the scenario says.
+    """A flight in steps of the caller, with everything in the scenario.
 
     Only its law of control is not looked at: inputs are those of `step`, held until the next ones,
     with `control.delay`, limits, lag of the motors, and sensors. The scenario's duration is no
@@ -45,7 +45,7 @@ class Simulation:
     Args:
         robot: a generated module with the back end "numpy" or "c", or the name or path of one.
         scenario: a scenario, or what `read_scenario` takes.
-        progress: is told what is being done, and the share of it that is done, 0 to 1.
+        progress: is called with the name of the work and the share done, 0 to 1.
 
     Raises:
         UsageError: for a flight that cannot begin.
@@ -111,7 +111,7 @@ class Simulation:
 
     @property
     def stopped(self) -> str:
-        """Why the flight cannot go on, "" while it can."""
+        """Why the flight has ended; "" while it runs."""
         return "" if self._flight is None else self._flight.stopped
 
     @property
@@ -131,15 +131,17 @@ class Simulation:
         Args:
             q, v: Coordinates (nq) and velocities (nv); those with which the scenario begins, if
                 None.
-            seed: Of the sensors' noise; as before if None, and at first that of the scenario.
-            charge: Of the battery, 0 to 1; that of the scenario if None.
+            seed: Seed of the sensors' noise; if None that of before, initially that of the
+                scenario.
+            charge: Charge of the battery, 0 to 1; if None that of the scenario.
 
         Returns:
-            What the sensors tell.
+            Readings of the sensors.
 
         Raises:
-            UsageError: If q or v is not so many finite numbers, a quaternion is 0 or
-                cannot be normalised, the seed is no integer of 0 or more, or the charge is none.
+            UsageError: If q or v has the wrong length or is not finite, a quaternion cannot be
+                normalised, the seed is not an integer of at least 0, or the charge is not from 0 to
+                1.
         """
         start_state = [
             start if values is None else vector(name, values, len(start))
@@ -179,7 +181,7 @@ class Simulation:
             duration: How long, s; a period of the scenario's `control.rate` if None, 1 ms without.
 
         Returns:
-            What the sensors tell after that time, or when the flight ended: see `stopped`.
+            Readings of the sensors after that time, or at the end of the flight: see `stopped`.
 
         Raises:
             UsageError: If u or duration is not what it must be, or the flight has ended.
@@ -195,7 +197,7 @@ class Simulation:
             duration: How long, s.
 
         Raises:
-            UsageError: As that of `step`.
+            UsageError: As for `step`.
         """
         ahead = self._usual if duration is None else seconds("duration", duration)
         if fault := self._hold.fault(u):

@@ -70,11 +70,11 @@ _STEP, _LONGER, _SHORTER, _HALVINGS = 0.25, 1.5, 0.8, 4
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """A motion that tells numbers, and how well it will.
+    """A motion that identifies numbers, and their expected deviations.
 
     - `names` (f): numbers that are free, `before` (f) their values in the robot file, SI units
     - `deviations` (f) and `covariance` (f, f): those of a fit of a flight of it, as expected
-    - `unseen`: in words what the motion does not tell either
+    - `unseen`: in words what the motion does not identify
     - `scenario`: text of a scenario file
     """
 
@@ -120,20 +120,20 @@ def design(
     tries: int = 40,
     progress: Progress = lambda what, share: None,
 ) -> Design:
-    """Find a motion within limits that tells numbers of a robot file as well as it can.
+    """Find the motion within limits that identifies numbers of a robot file best.
 
     Args:
         robot: The robot, as of `identify`.
-        free: What is to be told, as of `identify`.
+        free: Numbers to identify, as for `identify`.
         scenario: A scenario file, or its tables: from it law, sensors, duration, limits and the
             place where the motion begins are taken. By default 12 s with an IMU and encoders.
         room: How far the base may go from where it begins along each axis, m.
-        prior: Deviation of a number from that of the robot file, as a share.
+        prior: Standard deviation of the robot file's numbers, as a share.
         tries: How many motions are flown in simulation.
-        progress: Called with what is being done, and its share.
+        progress: Called with the name of the work and the share done.
 
     Returns:
-        The motion, and what it tells.
+        The motion, and the expected deviations.
 
     Raises:
         UsageError: If the robot cannot be identified, or flies no motion of the scenario.

@@ -53,7 +53,7 @@ _PROPOSED = 4
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """Numbers of a robot file, as logs tell them.
+    """Numbers of a robot file, identified from logs.
 
     - `names` (f): numbers that were free, in SI units; `rotors.drag` is that of the first rotor,
       and all others keep their ratios to it
@@ -135,11 +135,11 @@ def identify(
             that `read_log` reads.
         free: Patterns of names of parameters, such as `forearm_mass` or `*_com_?`; `rotors.drag` is
             a number of all rotors alike. By default all but lengths and places of frames.
-        prior: Deviation of a number from that of the robot file, as a share.
+        prior: Standard deviation of the robot file's numbers, as a share.
         hold_out: Share of each log, at its end, that is not used but predicted.
         names: What logs call things, as of `read_log`.
-        between: Times, s, from the begin of each log, of what is taken, such as that in the air.
-        progress: Called with what is being done, and its share.
+        between: Part of each log to use, s from its start, such as the time in the air.
+        progress: Called with the name of the work and the share done.
 
     Returns:
         The numbers.

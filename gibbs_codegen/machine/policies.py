@@ -146,7 +146,7 @@ def policy_program(
     act: Callable[[Node, Situation], Node],
     name: str = "policy",
 ) -> Program:
-    """A policy with its observation, from what a controller is told to what is commanded.
+    """A policy with its observation, from the inputs of a controller to its commands.
 
     Args:
         robot: The functions of the machine's module.

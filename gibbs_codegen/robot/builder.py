@@ -31,7 +31,7 @@ class RobotFile:
         self._document: dict[str, Any] = {"name": name} | _present(keys)
 
     def base(self, **keys: Any) -> RobotFile:
-        """Give keys of `[base]`; those of an earlier call that are not given again stay.
+        """Set keys of `[base]`; keys of earlier calls stay.
 
         Args:
             keys: Keys of the table.
@@ -42,7 +42,7 @@ class RobotFile:
         return self._with("base", self._document.get("base", {}) | _present(keys))
 
     def battery(self, **keys: Any) -> RobotFile:
-        """Give keys of `[battery]`; those of an earlier call that are not given again stay.
+        """Set keys of `[battery]`; keys of earlier calls stay.
 
         Args:
             keys: Keys of the table.
@@ -168,7 +168,7 @@ class RobotFile:
         """Write the file, in place of another that may be there.
 
         Args:
-            path: Of the file, such as "designs/uav.toml"; its folder is made.
+            path: Path of the file, such as "designs/uav.toml"; its folder is created.
 
         Returns:
             The path, for `generate` and the others that take robot files.

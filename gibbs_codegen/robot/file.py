@@ -30,7 +30,7 @@ def as_robot(robot: AnyRobot) -> Robot:
 def read_robot(name_or_path: str) -> tuple[Robot, str]:
     """Read a robot by file path, or by the name of one that ships.
 
-    Refused files raise `RobotFileError`, and where there is none `UsageError` is raised.
+    Raises `RobotFileError` for a faulty file, and `UsageError` if there is none.
 
     Args:
         name_or_path: The path or name.

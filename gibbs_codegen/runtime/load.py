@@ -44,8 +44,8 @@ def load(
 
     Args:
         name_or_path: The module's folder, or a name, which is looked for in `generated/` of the
-            working directory. Where there is none, the module of a robot that ships is generated
-            once into the cache, which the log `gibbs_codegen` says in a line.
+            working directory. A missing module of a robot that ships is generated once into the
+            cache; the log `gibbs_codegen` says so.
         backend: "numpy"; "c", which compiles the module's C source once, with CC or the
             machine's compiler, and keeps it in a cache; "casadi", "jax" or "torch", whose functions
             are those of that library. That of "torch" calls the compiled ones.

@@ -1,8 +1,8 @@
 """A predictive controller in C: its programs and its solver, with a header for users of C.
 
-One structure of real numbers holds its inputs and results; `members` lists its members: C
-has its type from there, and NumPy its arrays. Both compile the same text; for users of C a function
-follows that fills the structure with the arguments of a controller.
+One structure of real numbers holds its inputs and results; `members` lists its members: C has its
+type from there, and NumPy its arrays. Both compile the same text; for users of C a function follows
+that fills the structure with the arguments of a controller.
 """
 
 from __future__ import annotations

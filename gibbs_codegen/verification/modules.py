@@ -56,12 +56,12 @@ def verify(
     Args:
         name_or_path: Folder of the module, or its name in `generated/`, as for `load`.
         states: Number of random states, 1 to 10 000.
-        seed: Of the states and of other parameters.
+        seed: Seed of the states and of other parameters.
         backends: "numpy", "c" or both.
         progress: Called with the name of each step.
 
     Returns:
-        All comparisons, with what is wrong with the module.
+        All comparisons, with the faults of the module.
 
     Raises:
         UsageError: If there is no such module, no robot file with it, or an argument is wrong.

@@ -410,7 +410,7 @@ def lqr(
 ) -> Regulator:
     """The regulator that keeps a robot at a state with the least cost ∫ (xᵀ Q x + wᵀ R w) dt.
 
-    A warning tells how the robot accelerates if the state is not balanced, by more than 1e-3 m/s²
+    A warning gives the acceleration of a state that is not balanced, above 1e-3 m/s²
     or rad/s².
 
     Args:
@@ -419,9 +419,9 @@ def lqr(
         v, u: Velocities (nv) and inputs or, where the file describes actuators, commands (nu),
             without a trim, after which Q and R may come at once.
         Q: Weights of the deviations x of `linearise`, (2 nv, 2 nv), or their diagonal (2 nv), with
-            the states of actuators and bristles; that of a battery's charge counts for nothing.
-        R: Weights of deviations w of the inputs, (nu, nu), or their diagonal (nu); those of joints
-            whose effort is 0, which nothing drives, count for nothing.
+            the states of actuators and bristles; the weight of a battery's charge has no effect.
+        R: Weights of deviations w of the inputs, (nu, nu), or their diagonal (nu); weights of
+            joints whose effort is 0 have no effect.
         dt: None, or a period, s, for which inputs are held; the cost is then a sum over periods.
         x: States of the actuators (nx), without a trim; those that commands keep, if None.
         parameters: Parameters of the module's `prepare`.

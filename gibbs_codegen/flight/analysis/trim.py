@@ -391,7 +391,7 @@ def trim(
 
     Args:
         robot: A generated module, or the name or path of one, which is loaded.
-        posture: Joints' coordinates by name, rad or m; those of `q` for others.
+        posture: Joints' coordinates by name, rad or m; other joints keep `q`.
         posture_deg: Angles of revolute joints by name, in degrees as in scenario files; such joints
             are not in `posture`.
         q: Coordinates (nq) asked for. If None, the base is level at the origin, and joints are at
@@ -408,16 +408,16 @@ def trim(
         aim: What is chosen where many inputs balance: "least_thrust", the least sum of squares of
             the thrusts within the limits; or "widest_margin", where the thrust next to a limit is
             farthest from it.
-        limits: Least and greatest thrusts, N, (2, N) or one pair for all rotors; those of the robot
-            file if None.
+        limits: Least and greatest thrusts, N, (2, N) or one pair for all rotors; default: those of
+            the robot file.
         parameters: Parameters of the module's `prepare`.
 
     Returns:
         The trim.
 
     Raises:
-        UsageError: There is no trim, with what is missing or which limit is exceeded; or the
-            request names what the robot does not have.
+        UsageError: There is no trim (the message names the missing force or the exceeded limit), or
+            the robot lacks a name in the request.
     """
     vehicle = vehicle_of(robot, parameters)
     if aim not in AIMS:

@@ -59,8 +59,8 @@ class Betaflight:
         host: Address at which motors come, and at which Betaflight takes states.
         timeout: Time without motors after which a flight ends, s.
         rate: States that are sent for each second of flight.
-        sticks: Pulse widths of up to 16 channels, µs, by what sensors tell, which is asked 100
-            times a second; another program sends them if None.
+        sticks: Function from sensor readings to pulse widths of up to 16 channels, µs, called 100
+            times a second; if None another program sends them.
 
     Raises:
         UsageError: For another machine, a rate that is too small, and a port in use.
@@ -92,7 +92,7 @@ class Betaflight:
         """Tell the state in the start until motors answer it, and then some time more.
 
         Args:
-            readings: What sensors tell in the start.
+            readings: Readings of the sensors at the start.
 
         Raises:
             PeerError: If no motors come, or no more after the first ones.
@@ -156,7 +156,7 @@ class Betaflight:
         """Tell the state, and now and then the sticks.
 
         Args:
-            readings: What sensors tell now.
+            readings: Readings of the sensors now.
         """
         now, rate = (self._step + 1) / self._rate, self._rate
         # A receiver that is told sticks before it has started never listens to them.
@@ -183,7 +183,7 @@ class Betaflight:
         self._step += 1
 
     def close(self) -> None:
-        """Close the port, and tell what was odd."""
+        """Close the port, and report irregularities."""
         self._socket.close()
         self.notes += counted(self._odd)
 

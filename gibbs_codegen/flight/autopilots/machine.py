@@ -82,7 +82,7 @@ class Machine:
         robot: A generated module, or the name or path of one.
         scenario: Motion of the joints, wind, loads and walls, sensors, the start.
         servos: Whether outputs of the autopilot move the joints, and not the scenario.
-        progress: Is told what is at work, and which share of it is done.
+        progress: Called with the name of the work and the share done.
 
     Raises:
         UsageError: For a flight that cannot begin, and for rotors and joints without the limits

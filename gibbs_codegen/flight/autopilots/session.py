@@ -76,7 +76,7 @@ def fly(
         link: The link to the autopilot, which is closed at the end.
         duration: How long, s.
         speed: Seconds that are flown in a second at most; 0 for as many as can be.
-        progress: Is told what is at work, and which share of it is done.
+        progress: Called with the name of the work and the share done.
 
     Returns:
         What became of the flight, whose record is `machine.simulation.flight()`.

@@ -126,7 +126,7 @@ class Tolerances:
       or m, one or one a joint: off the posture
     - `velocity`, m/s, `angular_velocity`, rad/s, `joint_rates`, rad/s or m/s, one or one a joint
     - `thrust`, N, and `effort`, N m or N, one or one a joint and then a wheel: off those of hover;
-      `change`: share of these by which inputs may change from step to step, None if changes are
+        `change`: share of these by which inputs may change from step to step, None if changes are
       free
     """
 
@@ -158,7 +158,7 @@ class Tolerances:
 class Instant(NamedTuple):
     """One instant of the controller: its time, s, and seconds of preparation and of feedback.
 
-    `solved` tells whether there is a new plan, with `iterations` of the interior-point method and
+    `solved` is true for a new plan, with `iterations` of the interior-point method and
     the `share` of the step that was taken; `cost` is that of the plan, `gaps` what it is not yet.
     """
 
@@ -191,9 +191,9 @@ class Predictive:
         points: Positions (n, 3), m, at times (n), s, of frames by name.
         orientations: Rotations (n, 3, 3), frame to world, at times (n), s, of frames by name.
         posture: Coordinates (n, nq) at times (n), s; if None those of hover, moved with the first
-        point, and turned and bent as the other frames need.
+            point, and turned and bent as the other frames need.
         feedforward: Reference inputs (n, nu) at times (n), s, whose deviations cost; those of hover
-        if None.
+            if None.
         parameters: Parameters of the predicted robot, as `prepare` takes them.
         step: Length of the first step, s, and time between plans.
         nodes: Number of steps in the horizon.
@@ -203,18 +203,18 @@ class Predictive:
         rates: Greatest rates of inputs, N/s and N m/s, one or (nu); None: no limits.
         iterations: Number of linearisations and solutions at an instant.
         farthest: Beyond this distance from a path, m, the target is a point this far ahead, which
-        moves to the path at the velocity tolerance; five times the tolerance of a point if None.
-        With more, machines that lean may tumble. It does not act on `cost`.
+            moves to the path at the velocity tolerance; five times the tolerance of a point if
+            None. With more, machines that lean may tumble. It does not act on `cost`.
         delay: Delay of the inputs, s, at most a step, which it compensates. If None it compensates
-        no delay, not even a scenario's `control.delay`.
+            no delay, not even a scenario's `control.delay`.
         deadline: If computing a plan takes longer, s, the plan acts from the next instant on, and
-        until then the last one does. If None the flight waits.
+            until then the last one does. If None the flight waits.
         method: Method of the prediction: "rk4", or "trapezoidal", which stays stable with dampers;
-        if None "rk4" if no joint has a damper, else "trapezoidal".
+            if None "rk4" if no joint has a damper, else "trapezoidal".
         walls: Walls that frames may touch, from a `Scenario`: a frame whose path leads into one
-        presses.
+            presses.
         surroundings: A scenario, or its name or path, whose wind, payloads, push and walls are
-        predicted, and spinning rotors: each as at the instant of planning.
+            predicted, and spinning rotors: each as at the instant of planning.
         cost: A program whose one output is a vector; half its square is added to the cost of every
             node. Its inputs may be q, v and u of a node, as `Functions(module)` makes them, `time`,
             s, and `signals`. At the last node u is that of hover, or `feedforward`.
@@ -426,8 +426,8 @@ class Predictive:
         what the nodes are to be.
 
         Args:
-            folder: Where the two files are written, not a module's; made if there is none.
-                The compiler's -I names that of the module.
+            folder: Folder for the two files, not a module's; created if missing. Give the folder of
+                the module to the compiler with -I.
 
         Returns:
             Paths of `<robot>_predictive.h` and `.c`.

@@ -53,7 +53,7 @@ def write_results(
         folder: Where the files go; made if need be.
         figures: Whether to draw figures.
         animation: "gif", "mp4", or empty for none.
-        progress: Is called with what is being written and the share (0 to 1) that is done.
+        progress: Called with the name of the file and the share done, 0 to 1.
         formats: Those of the figures: "png", "pdf" or "svg".
         workers: Processes that draw figures, as of `drawing_beside`, and are ended then; by default
             this one does.

@@ -31,7 +31,7 @@ FORMATS: dict[str, Callable[[Flight, Path], None]] = {"mcap": write_bag, "csv": 
 def write_log(flight: Flight, folder: StrPath, format: str = "mcap") -> None:
     """Write a flight as a log that other programs read.
 
-    See docs/howto/logs.md for what is in it.
+    docs/howto/logs.md describes its contents.
 
     Args:
         flight: The flight.
@@ -57,7 +57,7 @@ def read_log(
     cutoff: float | None = None,
     estimate: AnyScenario | None = None,
 ) -> Flight:
-    """The flight that a log tells of: for figures, the viewer, and arrays q, v, a on one time base.
+    """The flight in a log: for figures, the viewer, and arrays q, v, a on one time base.
 
     Velocities that the log lacks, and accelerations, are derivatives of splines. What a log does
     not tell is NaN: the desired motion, inputs that it has no series of, the work.
@@ -73,10 +73,10 @@ def read_log(
             (sensor_combined), and coordinates, inputs and commands as topic.field. A number says
             where a joint stands.
         rate: Samples per second; by default they are at the times of the log.
-        cutoff: Frequency, Hz, of a Butterworth filter of order four, which is applied forwards and
-            backwards and so delays nothing; none by default.
-        estimate: A scenario, or its name, path or tables, whose sensors and `control.filter` say
-            by which readings of the log a filter estimates what; by default none does.
+        cutoff: Frequency, Hz, of a Butterworth filter of order four, applied forwards and
+            backwards, so without delay; default: no filter.
+        estimate: A scenario, or its name, path or tables, whose sensors and `control.filter` define
+            a filter that estimates the state from readings of the log; default: no filter.
 
     Returns:
         The flight, from the first instant at which all is known. Samples that cannot be are left
@@ -84,8 +84,8 @@ def read_log(
         `gibbs_codegen` says so.
 
     Raises:
-        UsageError: The log cannot be read, or does not tell enough of the robot or for a filter; or
-            what reads it is not installed, which the extra `logs` brings.
+        UsageError: The log cannot be read or lacks data for the flight or the filter, or a package
+            of the extra `logs` is missing.
     """
     module = robot if isinstance(robot, ModuleType) else load(robot, "c")
     for name, frequency in (("rate", rate), ("cutoff", cutoff)):

@@ -41,7 +41,7 @@ _UNTOLD = 10.0
 
 
 class Estimate(NamedTuple):
-    """What a filter tells at a time, s: coordinates q (nq) and velocities v (nv).
+    """An estimate of a filter at a time, s: coordinates q (nq) and velocities v (nv).
 
     `values` are of what else it estimates, by names such as "wrench", "efforts", "payload" and
     "imu_bias"; `deviations` standard deviations of these and, as "q" (nd) and "v" (nv), of
@@ -83,8 +83,8 @@ class Estimator:
         robot: A generated module with the back end "numpy" or "c" and with derivatives, or the name
             or path of one, which is loaded with the C back end.
         sensors: `read_scenario(…).sensors`: what there is to read, and how it errs.
-        settings: `read_scenario(…).control.filter`: what is estimated besides; as by default if
-            None.
+        settings: `read_scenario(…).control.filter`: quantities estimated besides; None: the
+            default.
         parameters: Parameters of the module's `prepare`, if not those of the robot file.
 
     Raises:

@@ -82,7 +82,7 @@ class SensorSuite:
     pressure altitude, m; of a `magnetometer` the field (3), T, in the axes of its frame; of a `gps`
     position (3), m, and velocity (3), m/s, world axes; of `encoders` the joints' coordinates; of a
     `wrench` force (3), N, and torque (3), N m, in the axes of its frame. `names` (m) and `units`
-    (m) say the same entry by entry, and `program` is the array program of what is measured.
+    (m) describe the entries, and `program` is the array program of the exact measurements.
 
     Args:
         robot: A generated module with the back end "numpy", "c" or "jax", or the name or path of
@@ -165,7 +165,7 @@ class SensorSuite:
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Names (m) of the frames at which the entries are read, "" of what is at none."""
+        """Names (m) of the frames of the entries, "" for entries without a frame."""
         return tuple(getattr(device, "frame", "") for device, _, _ in self._entries)
 
     @cached_property
@@ -270,10 +270,11 @@ class SensorSuite:
             v: Velocities (…, s, nv).
             a: Accelerations (…, s, nv), the derivatives of v.
             wrenches: What contacts do to the frames (…, s, f, 6), world axes; nothing if None.
-            seed: Of the errors, which differ from motion to motion; that of `sensors` if None.
+            seed: Seed of the errors; that of `sensors` if None.
 
         Returns:
-            Readings (…, s, m): of every sensor the last that had come; NaN before the first.
+            Readings (…, s, m): the last one that had arrived from each sensor; NaN before the
+            first.
 
         Raises:
             UsageError: If the seed is no integer of 0 or more.

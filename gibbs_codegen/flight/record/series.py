@@ -269,7 +269,7 @@ class Flight:
     def errors(self) -> Array:
         """Tracking errors (s, nv), in the places of velocities: of attitude, position and joints.
 
-        Of an attitude by a quaternion they are the rotation vector to the desired one, rad.
+        With a quaternion the error of the attitude is the rotation vector to the desired one, rad.
         """
         kinematics = kinematics_of(self.layout)
         return kinematics.errors(self.q, self.v, self.q_desired, self.v_desired, self.back)[0]
@@ -381,7 +381,7 @@ class Flight:
 
     @property
     def impact_summaries(self) -> tuple[str, ...]:
-        """Of each impact when it was, the impulses of constraints, and kinetic energies."""
+        """For each impact its time, the impulses of constraints, and kinetic energies."""
         words = []
         # Old files have no impulses.
         for (time, lost, left), impulses in zip(self.impacts, self.impulses, strict=False):
@@ -398,7 +398,7 @@ class Flight:
 
     @property
     def hold_summaries(self) -> tuple[str, ...]:
-        """Of each hold when it took hold and let go, the greatest force and the drift.
+        """For each hold its times, the greatest force and the drift.
 
         The drift is the largest change of an error, m, while there is a force.
         """

@@ -149,10 +149,9 @@ def rollout(
             `read_scenario(…).walls`.
         surroundings: A scenario, or the name or path of one, whose wind, payloads, push and walls
             act, and spinning rotors.
-        wind: Velocities of the steady wind in the place of that of the surroundings, m/s, world
-            axes, (3) or (n, 3).
-        payloads: Masses of the payloads in the place of those of the surroundings, kg, (p) or
-            (n, p).
+        wind: Velocity of the steady wind, m/s, world axes, (3) or (n, 3); replaces that of the
+            surroundings.
+        payloads: Masses of the payloads, kg, (p) or (n, p); replace those of the surroundings.
         constraints: Names of the constraints that hold, of the module's CONSTRAINTS; each step ends
             where they are met. Start there: `integrate` and `constraint_projection`, `impact`.
         limits: The least and the greatest inputs, each a number or an array (nu); of commands those
@@ -167,7 +166,7 @@ def rollout(
         precision: "double", or "single": of the arrays that come out and, with the C back end, of
             what is computed. JAX has its own.
         threads: How many threads of the C back end share the states; all processors if None.
-        progress: Is told what is being done, and the share of it that is done, 0 to 1.
+        progress: Called with the name of the work and the share done, 0 to 1.
 
     Returns:
         The states at the samples, NumPy's arrays or JAX's, and why states have ended.

@@ -62,20 +62,19 @@ _APART = 1e-4
 
 
 class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
-    """Machines of one robot that are to do a task, or what rewards of your own ask for.
+    """Environments with one robot and a task, or with your own rewards.
 
-    Actions are the inputs of the robot, either as they are, in N and N m, or, `normalised`, between
-    −1 for the least and 1 for the greatest. Where the robot file describes actuators, they are
-    commands, and limits and lag are theirs. Other actions go to an inner loop, which is evaluated
-    at every step, and knows the robot as the robot file does. `parameters` (n), by name, are those
-    of the episodes that are under way; `actions` are the names of an action's entries, `data` is
-    for users.
+    Actions are the inputs of the robot, in N and N m, or, if `normalised`, from −1 (least) to 1
+    (greatest). Where the robot file describes actuators, they are commands, and limits and lag are
+    theirs. Other actions go to an inner loop, which is evaluated at every step, and knows the robot
+    as the robot file does. `parameters` (n), by name, are those of the episodes that are under way;
+    `actions` are the names of an action's entries, `data` is for users.
 
     Args:
         robot: A generated module with the back end "c" or "numpy", or the name or path of one,
             which is loaded with the C back end.
         num_envs: How many environments there are, n.
-        hover: Coordinates (nq) that are wanted; None for those of zero.
+        hover: Desired coordinates (nq); None: zero.
         offsets, rates: Displacements from there, m and rad, and velocities, m/s and rad/s, with
             which an episode begins, by names of the module's `VELOCITIES`, and of a base that
             drives "vy", a displacement to its left; zero if left out. They are numbers, or
@@ -88,15 +87,15 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             greatest ones; others are those of the documentation, and of limits of joints.
         control: Frequencies of the inner loop, as a scenario has them; None for its defaults.
         task: "hover", "reach", "track" or "push".
-        targets: Displacements of what is wanted from `hover`, as `offsets`; and "force", N, of a
-            push. None for those of the task.
+        targets: Displacements of the target from `hover`, as `offsets`; and "force", N, of a push.
+            None for those of the task.
         swings, swing_rates: Amplitudes of targets that move, as `offsets`, None for those of the
             task, and rad/s of each; they begin anywhere in their period.
         disturbances: As `offsets`, of each episode: "time_constant" of all motors, s, in the place
             of `time_constants`; "strength", a factor of the greatest thrusts; "wind_x" and the
             others, m/s, in the place of those of the surroundings; "base_x" and others of frames,
             forces on them, N, world axes.
-        sensors: As `offsets`, standard deviations of what is observed: "position", m, "attitude",
+        sensors: As `offsets`, standard deviations of observations: "position", m, "attitude",
             rad, "joints", "velocity", "angular_velocity", "joint_rates"; and "delay", s, which is
             rounded up to whole decisions.
         parameters: Numbers or distributions, by names of the module's `PARAMETERS`.
@@ -309,7 +308,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """The seed of each environment, from which it can be had again."""
+        """The seed of each environment, which reproduces it."""
         return tuple(self._seeds)
 
     @property  # type: ignore[misc]
@@ -335,8 +334,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             Observations (n, m), and no further information.
 
         Raises:
-            UsageError: If there are not n seeds, the mask is not n flags, or parameters are not
-                those of a machine.
+            UsageError: If there are not n seeds, the mask is not n flags, or parameters are wrong.
         """
         rows = np.ones(self.num_envs, dtype=np.bool_)
         if options and "reset_mask" in options:
@@ -360,7 +358,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
 
         Returns:
             Observations (n, m), rewards (n), whether episodes have terminated (n), whether they
-            are truncated (n), and information: `ended` (n) says why a flight could not go on, as of
+            are truncated (n), and information: `ended` (n) says why a flight ended, as in
             `Rollout`. With `AutoresetMode.SAME_STEP`, `final_obs` are the last observations of
             episodes, and `final_info` is their information.
 

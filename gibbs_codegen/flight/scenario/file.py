@@ -56,11 +56,11 @@ AnyScenario = Scenario | str | os.PathLike[str] | Mapping[str, Any]
 def read_scenario(name_or_path: AnyScenario, changes: Mapping[str, Any] | None = None) -> Scenario:
     """Read a scenario by file path, or by the name of one that ships.
 
-    Refused files raise `ScenarioFileError`, and where there is none `UsageError` is raised.
+    Raises `ScenarioFileError` for a faulty file, and `UsageError` if there is none.
 
     Args:
-        name_or_path: The path or name; or the tables of such a file as a dictionary. A scenario
-            without changes is returned as it is.
+        name_or_path: The path or name; or the tables of such a file as a dictionary. A
+            `Scenario` is returned as it is.
         changes: What replaces entries of the file, in its own form:
             `{"start": {"offset": [0.2, 0, 0]}}`, or `{"start.offset": [0.2, 0, 0]}`; None removes
             an entry.

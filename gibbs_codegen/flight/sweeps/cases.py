@@ -82,7 +82,7 @@ class Varied:
 
 
 def uniform(low: float, high: float) -> Varied:
-    """Numbers that are equally likely between two.
+    """Uniformly distributed numbers.
 
     Args:
         low, high: The ends.
@@ -97,7 +97,7 @@ def uniform(low: float, high: float) -> Varied:
 
 
 def log_uniform(low: float, high: float) -> Varied:
-    """Numbers whose logarithms are equally likely between those of two, which are above 0.
+    """Numbers with uniformly distributed logarithms, between two numbers above 0.
 
     Args:
         low, high: The ends.

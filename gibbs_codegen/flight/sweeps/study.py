@@ -201,7 +201,7 @@ class Study:
         and has the digest of the table that it belongs to. Figures of another table are removed.
 
         Raises:
-            OutputError: If they cannot be written; what was there remains.
+            OutputError: If they cannot be written; earlier files remain.
         """
         with writing(self.folder), staging_folder(self.folder) as new:
             written = io.BytesIO()  # What NumPy writes has no words for a full disk.
@@ -241,7 +241,7 @@ def read_study(folder: StrPath) -> Study:
         The study.
 
     Raises:
-        UsageError: If there is none, or it is not whole.
+        UsageError: If there is no study, or it is incomplete.
     """
     place = Path(folder)
     if not place.is_dir():

@@ -92,16 +92,16 @@ def sweep(
         parameters: What entries of the scenario take on, by their keys, such as
             `motors.time_constant`, `start.offset[2]` or `plant.gravity`; a bare name of the
             module's PARAMETERS is one of [parameters], and * in such names matches any. A value is
-            a list, which crosses with those of other keys; a distribution (`uniform`, `normal`,
-            `log_uniform`); `scaled` of these, which are factors of what robot or scenario says; or
-            `together` of these, one for all that a key with * matches.
+            a list, which is combined with the lists of other keys; a distribution (`uniform`,
+            `normal`, `log_uniform`); `scaled` of these, for factors of the value in robot or
+            scenario; or `together` of these, one number for all matches of a key with *.
         samples: How many times numbers are drawn for each combination of listed values.
-        seed: Of what is drawn, noise of sensors included.
+        seed: Seed of the random numbers, noise of sensors included.
         measure: Measures by name: functions of a `Flight`, or texts such as "tip_error.max".
         executor: What computes: any executor of `concurrent.futures`, whose workers see `out`;
             None for processes of this machine.
-        out: Folder in which modules, what is done, and the study are kept.
-        progress: Is told what is being done, and the share of it that is done, 0 to 1.
+        out: Folder for modules, finished flights and the study.
+        progress: Called with the name of the work and the share done, 0 to 1.
         workers: How many processes of this machine there are; default: one for each processor.
 
     Returns:
@@ -110,7 +110,7 @@ def sweep(
     Raises:
         UsageError: If something asked for means nothing.
         RobotFileError, ScenarioFileError: If a file is refused.
-        OutputError: If results cannot be written; what was done is kept.
+        OutputError: If results cannot be written; finished flights are kept.
     """
     _check_counts(samples, seed, workers)
     check_output_folder(out)
