@@ -99,7 +99,7 @@ class Functions:
     def _joint_carriers(self, module: Any) -> list[int] | None:
         """For each joint the number, from 1, of that which carries it, 0 for the base.
 
-        None where it is not told: joints that gears move have no entries in v.
+        None if unknown: joints that gears move have no entries in v.
         """
         points, frames = list(getattr(module, "POINTS", ())), self.frames - 1
         count = len(self.layout.v.joint_places)

@@ -72,7 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def options_of(words: Sequence[str]) -> Namespace:
-    """What a command is told; wrong usage ends the process."""
+    """Options of a command; wrong usage ends the process."""
     parser = argument_parser()
     for word in words:  # Before Python 3.13 argparse makes an empty list of such a value.
         if re.fullmatch(r"--[a-z-]+=--", word):

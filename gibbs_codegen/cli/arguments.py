@@ -56,7 +56,7 @@ class Parser(argparse.ArgumentParser):
     def add(
         self, name: str, metavar: str | tuple[str, ...] | None, meaning: str, **settings: Any
     ) -> None:
-        """Add an argument that has a value; a default of one word or number is told."""
+        """Add an argument that has a value; its help states a default of one word or number."""
         if isinstance(default := settings.get("default"), str | int):
             meaning = f"{meaning} (default: {default})"
         self.add_argument(name, metavar=metavar, help=meaning, **settings)

@@ -308,7 +308,7 @@ class SeenPoint:
     """A place on a segment, in its working frame, or of the root where its system is solved.
 
     `doubled` is twice its velocity against the root's origin, `omega` that of the segment, both in
-    that frame; `turn` takes components there to those in which the point's are told.
+    that frame; `turn` maps components there to the axes of the point's components.
     """
 
     segment: int

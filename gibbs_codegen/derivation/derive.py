@@ -72,7 +72,7 @@ def model_of(
     """Derive everything that is emitted for a robot whose symbols are on `tape`.
 
     `keep_zeros` says whether parameters that are zero were kept, `functions` which are derived, by
-    default those of every module; `progress` is told the name of each step as it begins.
+    default those of every module; `progress` is called with the name of each step as it begins.
     """
     robot, parameters = symbolic.robot, symbolic.parameters
     imported = ImportedTape(tape)

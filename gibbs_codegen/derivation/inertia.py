@@ -347,7 +347,7 @@ class VelocityCoupling:
         return [*self.force, *self.moment]
 
     def plus(self, tape: Scalars, other: VelocityCoupling) -> VelocityCoupling:
-        """Of both subtrees about one point, in one frame."""
+        """The sum of both, about one point, in one frame."""
         return self.of([tape.add(a, b) for a, b in zip(self.rows, other.rows, strict=True)])
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> VelocityCoupling:

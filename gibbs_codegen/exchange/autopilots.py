@@ -232,7 +232,7 @@ _NEAR_DEG = 5.0
 
 
 def ardupilot_text(robot: Robot) -> tuple[str, list[str]]:
-    """Parameters of ArduPilot, and lines on what it cannot be told; raises as for PX4."""
+    """Parameters of ArduPilot, and lines on what they cannot express; raises as for PX4."""
     seen = _Vehicle(robot)
     values: dict[str, float] = {}
     frame = _frame(seen)

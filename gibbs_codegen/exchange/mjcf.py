@@ -93,7 +93,7 @@ def read_mjcf(path: Path, data: bytes, base: str | None, friction: bool = False)
 
 @contextmanager
 def without_log() -> Iterator[None]:
-    """Keep MuJoCo's warnings, such as of a matrix close to singular, from being told.
+    """Suppress MuJoCo's warnings, such as of a matrix close to singular.
 
     Where nothing takes them, they are printed, and written to a file in the working folder.
     """

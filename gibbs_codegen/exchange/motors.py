@@ -1,6 +1,6 @@
 """Rotors as motors whose thrust is a constant times the square of their speed, as Gazebo has them.
 
-What a robot does not say of its rotors is taken for something, and told.
+Missing numbers of rotors get assumed values, which the report names.
 """
 
 from __future__ import annotations

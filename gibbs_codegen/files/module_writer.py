@@ -56,7 +56,7 @@ def kept_options(folder: Path) -> str:
     """The options with which a folder's module was generated; empty where there were none."""
     try:
         manifest = _manifest(folder)
-    except OSError:  # What is wrong with the folder is told when the module is written.
+    except OSError:  # Writing the module reports what is wrong with the folder.
         return ""
     return manifest[1] or "" if manifest else ""
 
@@ -146,7 +146,7 @@ def differing_files(folder: Path, files: Files, options: str = "") -> list[str]:
 
 
 def check_replaceable(folder: Path, robot_text: str, force: bool = False) -> None:
-    """Refuse what `write_module` will refuse, as far as that can be told before there are files.
+    """Refuse early what `write_module` will refuse, as far as is known before there are files.
 
     What has no manifest may yet turn out to be what would be written. `robot_text` is what its
     robot file is about to become. Raises `UsageError`.

@@ -190,7 +190,7 @@ def file_table(cls: type[AnyTable]) -> type[AnyTable]:
 class Table:
     """A table of a file, or a part of what a file describes, made in Python.
 
-    Fields, and validators of fields, come in the order in which faults of one line are told. A
+    Fields, and validators of fields, come in the order in which faults of one line are reported. A
     table that is one of several has the name of its kind in a class variable `kind`. `title` is
     that of a file, for editors; `conditions` are what JSON schemas can say of keys together.
     """
@@ -206,7 +206,7 @@ class Table:
 
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
-        """Key, or place inside the table, and words of faults that are always told.
+        """Key, or place inside the table, and words of faults that are always reported.
 
         That is even where entries of the table, here unchecked, have faults of their own.
         """

@@ -60,8 +60,8 @@ def signatures(
 ) -> list[Signature]:
     """Signatures of those of some functions that a robot has, in the order of the table.
 
-    `lists` is what its module lists, by the names of `table.LISTS`; those left out are empty. Of no
-    choice of functions it is those by default.
+    `lists` is what its module lists, by the names of `table.LISTS`; those left out are empty.
+    Without a choice of functions these are the defaults.
     """
     lengths = {letter: len(lists.get(name, ())) for letter, name in LISTS.items()}
     lengths["c"] = (lengths["h"] - lengths["v"]) // 2

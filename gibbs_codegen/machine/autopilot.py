@@ -1,4 +1,4 @@
-"""Between an autopilot and a robot, as array programs: what its outputs command, what it is told.
+"""Between an autopilot and a robot, as array programs: commands of its outputs, and its sensors.
 
 The autopilot flies the base. Joints go where they are to by computed torque: the inverse dynamics
 of the accelerations that they are to have, and of the one that the base has under what acts on it,

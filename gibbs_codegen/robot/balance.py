@@ -1,6 +1,6 @@
 """The balance of a robot, and numbers of it that are probably in another unit.
 
-Wrenches of its rotors, its base and the thrusts of hovering, with what is told of them in words.
+Wrenches of its rotors, its base and the thrusts of hovering, and lines of text about them.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Names inside a robot file: what they refer to, and which of them clash.
 
 What they refer to is read in the tables as they stand in the file, before they are checked, so that
-these faults are told beside those of single values.
+these faults are reported beside those of single values.
 
 No two things of a robot may share a name in generated code. A name takes its identifier form among
 the names of its kind, and the names of all parameters that such a thing may have.
@@ -295,7 +295,7 @@ def _coordinate_clashes(
 ) -> Iterator[PlacedFault]:
     """Coordinates that clash with each other or with the base's own.
 
-    Names of links that clash are told already. `rotors` is N.
+    Clashes of link names are reported elsewhere. `rotors` is N.
     """
     by_name: dict[str, _Named] = {}
     by_coordinate: list[_Named] = []

@@ -70,7 +70,7 @@ class Flown(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Samples of a law at the begins of intervals: what each is told, and where C leaves commands.
+    """Samples of a law at the begins of intervals: inputs of each, and where C leaves commands.
 
     So many samples are `due` (k) at times `begins` (k), s, and the command at a place of `acting`
     (k) then acts. `times` (n) and `learns` (n), s, `errors` (n, …), what the law remembers, and

@@ -105,7 +105,7 @@ def take_step(programs: Sequence[Program], names: Sequence[str]) -> list[str]:
 
 
 def sizes(program: Program) -> list[str]:
-    """Sizes of the state, and of the inputs that are told, whose ranges are widened."""
+    """Sizes of the state, and of the inputs whose ranges are recorded."""
     size, ranged = program.inputs[program.names.index("x")].size, program.outputs["inputs"].size
     return [f"#define STATE {size}", f"#define RANGED {ranged}", c_source("ranges.c")]
 

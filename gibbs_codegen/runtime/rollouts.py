@@ -238,8 +238,8 @@ def take_pieces(
 ) -> None:
     """Call a function for all steps of all states, in pieces, those of one state in order.
 
-    Threads call it at once for different states. `progress` is told between calls, in this thread,
-    the share of all that is done, 0 to 1; what it raises ends the work.
+    Threads call it at once for different states. `progress` is called between calls, in this
+    thread, with the share done, 0 to 1; what it raises ends the work.
     """
     threads = max(1, min(threads, count * steps // _LEAST))
     pieces = _Pieces(count, steps, threads)
@@ -467,7 +467,8 @@ def numpy_rollout(
 ) -> Rollout:
     """Roll states out in NumPy, always in double precision.
 
-    The module's back end is "numpy" or "c"; `progress` is told after every step the share done.
+    The module's back end is "numpy" or "c"; `progress` is called after every step with the share
+    done.
     """
     steps, real = Steps(problem, np), REALS[problem.precision]
     carried = steps.begin()
@@ -492,10 +493,10 @@ def compiled_rollout(
 ) -> Rollout:
     """Roll states out in C, in the precision of the problem, to which its numbers are rounded.
 
-    `progress` is told the share done between calls, which take some tenths of a second at most;
-    what it raises ends the rollout. `function` is as of `rollout_function`, of programs that have
-    all that the problem has, or is made for the problem. Raises `UsageError` without C source of
-    the module, `CompilerError`, and `CacheError` if the library cannot be kept.
+    `progress` is called with the share done between calls, which take some tenths of a second at
+    most; what it raises ends the rollout. `function` is as of `rollout_function`, of programs that
+    have all that the problem has, or is made for the problem. Raises `UsageError` without C source
+    of the module, `CompilerError`, and `CacheError` if the library cannot be kept.
     """
     run = _Run(problem)
     if function is None:

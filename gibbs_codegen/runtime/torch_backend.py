@@ -278,7 +278,7 @@ def _save(ctx: Any, program: Any, operands: Tensors) -> None:
 
 
 def _called(program: Any, operands: Tensors) -> Sequence[torch.Tensor]:
-    """Results of a program, which PyTorch can differentiate where it is told to."""
+    """Results of a program, which PyTorch can differentiate if gradients are required."""
     if torch.compiler.is_compiling():
         return call([*operands], program.key)
     if torch._C._are_functorch_transforms_active():

@@ -1,6 +1,6 @@
 """The work of motors, servos, friction and the battery on commands, from the robot's numbers.
 
-It is told case by case, as the page of the robot file does, while the derivation makes its choices
+It goes case by case, as the page of the robot file does, while the derivation makes its choices
 of signs. Sizes are those of the terms that a number is made of: its error is a share of them.
 """
 

@@ -293,7 +293,7 @@ class _Measure:
 def constraint_sizes(robots: Sequence[Robot], states: States, name: str, values: Values) -> Values:
     """Sizes (s, 1 …) of results of a derivative of the effects of constraints; else nothing.
 
-    Of one robot, or of one for each state.
+    For one robot, or for one robot for each state.
     """
     row = FUNCTIONS[name]
     if not row.derivative_of or "CONSTRAINTS" not in row.needs:

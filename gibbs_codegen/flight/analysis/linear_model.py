@@ -561,7 +561,7 @@ def _check_solvable(
 def deviation_names(vehicle: Vehicle, lagging: Sequence[int] = ()) -> tuple[str, ...]:
     """Names of the entries of a deviation: of δ, then velocities, then states of actuators.
 
-    Of a robot without such these are thrusts of `lagging` rotors.
+    Without such actuators these are thrusts of `lagging` rotors.
     """
     places = vehicle.layout.displaced
     names = [*places.names[: places.size]]

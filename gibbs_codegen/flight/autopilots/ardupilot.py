@@ -1,6 +1,6 @@
 """ArduPilot's JSON interface: outputs as a packet of pulse widths, readings as a line of JSON.
 
-ArduPilot leads: it sends outputs with a number that counts up, and waits until it is told the time
+ArduPilot leads: it sends numbered outputs, and waits until it receives the time
 after them. It sends a packet again when no answer comes. The first packet is answered with the
 start, and not flown: the second shows that ArduPilot has heard.
 """

@@ -69,7 +69,7 @@ class PX4:
         self._odd = Counter(dict.fromkeys((_GARBAGE, _STRANGERS), 0))
 
     def write(self, packet: bytes) -> None:
-        """Take what MAVLink would send, until a step is told whole."""
+        """Collect what MAVLink sends, until the messages of a step are complete."""
         self._sending += packet
 
     def open(self, readings: Telemetry) -> None:

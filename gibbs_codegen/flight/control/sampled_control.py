@@ -57,7 +57,7 @@ Idles = Callable[[Any], Any]
 
 
 class ZeroOrderHold:
-    """A law of control that commands what it was last told.
+    """A law of control whose commands are set from outside.
 
     A command takes effect `delay`, s, later; `rate` is commands a second, Hz, 0 if they come when
     they come. `law` knows the robot, the desired motion and the decay of errors.
@@ -340,7 +340,7 @@ class OwnController(Protocol):
 
 
 class LawController:
-    """A law of the package that is told observations, and remembers from sample to sample.
+    """A law of the package on observations, with a memory from sample to sample.
 
     While an input is at a limit of `actuators`, nothing that is remembered grows, and while motors
     idle, which `idles` tells of times, s, nothing changes.
@@ -399,7 +399,7 @@ class SampledControl(ZeroOrderHold):
 
     @property
     def sampled(self) -> Controller | None:
-        """The law of the package that is sampled and told the state, if one is."""
+        """The law of the package that is sampled on the state, if there is one."""
         law = self._controller
         if self._sensing.estimator or not isinstance(law, LawController):
             return None
@@ -428,7 +428,7 @@ class SampledControl(ZeroOrderHold):
         return self._inside(np.concatenate([samples - late, samples + self.delay]), begin, end)
 
     def ahead(self, begins: Array) -> Samples:
-        """What a law of the package is told in samples at times (n), s, with room for commands.
+        """Inputs of a law of the package in samples at times (n), s, with room for commands.
 
         Times are the begins of intervals at which samples are taken and commands take effect, as of
         `begin`; `took` tells of how many that was so.

@@ -37,8 +37,8 @@ def desired_base(
     """Motion of the base with its centre on a path, and the arm's coordinates at 0.
 
     Where pieces between the evenly spaced knots leave the motion, 2, 4 … times as many are taken.
-    `progress` is told the share done, 0 to 1. Raises `UsageError` where the attitude is singular or
-    not defined, or not even the most knots follow the motion.
+    `progress` is called with the share done, 0 to 1. Raises `UsageError` where the attitude is
+    singular or not defined, or not even the most knots follow the motion.
     """
     pieces, refinement = len(time) - 1, 1
     while True:

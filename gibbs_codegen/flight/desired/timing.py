@@ -363,7 +363,7 @@ def time_optimal_motion(
 ) -> Clock:
     """The fastest timing of a motion whose wrenches the rotors can produce.
 
-    `reference` is in the scenario's time; `progress` is told the share done, 0 to 1. Raises
+    `reference` is in the scenario's time; `progress` is called with the share done, 0 to 1. Raises
     `UsageError` if the robot cannot stand still within its limits everywhere on its way.
     """
     arc = ArcLength(reference)

@@ -353,7 +353,8 @@ def _check_limits(
 ) -> None:
     """Raise `UsageError` for those of some joints whose value (n) is outside its limits.
 
-    `table` of the scenario file's arm table gives the values; angles of a file are told in degrees.
+    `table` of the scenario file's arm table gives the values; messages give angles of a file in
+    degrees.
     """
     faults = []
     for name in joints:

@@ -253,7 +253,7 @@ def _draw_walls(axes: Any, flight: Flight, box: tuple[Array, Array]) -> None:
 
 
 def _first_path(flight: Flight) -> Array:
-    """The path (s, 3), m, of what is led before all else, by which instants are told apart."""
+    """The path (s, 3), m, of the first led frame, which distinguishes instants."""
     return next(iter(led_points(flight).values())).path
 
 

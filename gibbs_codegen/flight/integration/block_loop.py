@@ -53,7 +53,7 @@ class BlockIntegration:
         """Histories from states (n, size) at time 0 on, as `integrate` gives them.
 
         None for a flight to be integrated by itself: its law refuses a state, or there are no
-        compiled blocks. `progress` is told the time reached, s.
+        compiled blocks. `progress` is called with the time reached, s.
         """
         envelope, grid, count = self._envelope(self.loop), StepGrid(self.settings), len(starts)
         around = self.loop.environment

@@ -180,7 +180,7 @@ class Integration:
         self._take_hold()
 
     def advance(self, end: float, progress: Callable[[float], None] = lambda time: None) -> None:
-        """Integrate up to a time, or until the flight cannot go on; `progress` is told the time."""
+        """Integrate up to a time, or until the flight cannot go on; `progress` gets the time."""
         while self.time < end and not self.stopped:
             self._changed = False
             intervals = self.loop.smooth_intervals(self.time, end)
@@ -216,7 +216,7 @@ class Integration:
     ) -> int:
         """Integrate over intervals in which the same acts; how many were begun.
 
-        `progress` is told the time, s. `ahead` are samples of a law, at the begins of the
+        `progress` is called with the time, s. `ahead` are samples of a law, at the begins of the
         intervals; what C refuses of them is left.
         """
         flow, loop, state = self._flow, self.loop, self.state
@@ -413,8 +413,8 @@ def integrate(
 ) -> StateHistory:
     """Integrate the state of a closed loop from time 0 on, as `Integration` does.
 
-    Samples are at multiples of 1 / rate and the last instant; `progress` is told time and duration.
-    Raises `UsageError` for steps of "rk4" so long that errors would grow.
+    Samples are at multiples of 1 / rate and the last instant; `progress` is called with time and
+    duration. Raises `UsageError` for steps of "rk4" so long that errors would grow.
     """
     integration = Integration(loop, start, settings, duration)
     integration.advance(duration, lambda time: progress(time, duration))

@@ -65,7 +65,7 @@ class PythonFlow:
         derivative: Callable[[float, Array], Array],
         progress: Callable[[float], None],
     ) -> tuple[Array, Array]:
-        """Steps of adaptive size to the end of the leg; `progress` is told the time, s.
+        """Steps of adaptive size to the end of the leg; `progress` is called with the time, s.
 
         `scale` (size) is that of absolute tolerances, `times` are those of samples to come, s.
         """

@@ -386,7 +386,7 @@ class Estimator:
     def _told(self, last: _Instant, place: int) -> tuple[Array, Array] | None:
         """What the IMU that leads reads at `last`, and its rate until the instant at a place.
 
-        Readings between two are on a line. None if it has told nothing for too long.
+        Readings between two are on a line. None if it has been silent for too long.
         """
         instants, told = self._instants, last.told
         come = next(((x.time, x.felt) for x in instants[place:] if x.felt is not None), None)

@@ -1,7 +1,7 @@
 """The sensors of a robot: what they read of motions, and the readings of a flight, one by one.
 
 Reading k of a sensor is measured at k / rate, and its errors depend on the seed, the sensor's name
-and k alone. A law that is sampled is told readings of before its command of that instant; samples
+and k alone. At each sample a law gets readings from before its new command acts; samples
 of a flight, from which readings can be taken afterwards, are of behind it.
 """
 

@@ -253,7 +253,7 @@ class Recording:
 
     @cached_property
     def _estimates(self) -> dict[str, Any]:
-        """What a filter told in flight, by fields of `Flight`."""
+        """Estimates of a filter in flight, by fields of `Flight`."""
         hold, (q, v) = self.loop.hold, self._parts[:2]
         if hold is None or hold.estimator is None or hold.readings is None:
             return NO_ESTIMATES

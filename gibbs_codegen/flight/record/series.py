@@ -135,10 +135,10 @@ class Flight:
     are those of the rows, 0 of constraints that took no part. Files of before flights had impulses
     have none, and (i, 2) of impacts.
     `hard_impacts` are sentences on impacts at walls for which the steps were too long.
-    `sensors` (s, m) are what the robot's sensors had told last at each sample, by `sensor_names`
+    `sensors` (s, m) are the last readings of the robot's sensors at each sample, by `sensor_names`
     and `sensor_units`, as `SensorSuite` describes them; NaN before the first reading, and (s, 0)
     without sensors. `sensor_frames` (m) are the frames at which they are, "" of those at none.
-    `estimates` (s, nq + nv + e) are what a filter told at each sample: q, v, and loads and biases
+    `estimates` (s, nq + nv + e) are those of a filter at each sample: q, v, and loads and biases
     by `estimate_names` and `estimate_units` (e). `estimate_errors` (s, nd + nv) are displacements
     from estimates to q, and differences to v; `estimate_deviations` (s, nd + nv + e) what it takes
     for standard deviations of these and of the others. `innovations` (s, d) are the last squared

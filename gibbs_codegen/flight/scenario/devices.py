@@ -120,7 +120,7 @@ class Imu(DeviceAtFrame):
 
 @table
 class Barometer(DeviceAtFrame):
-    """The pressure of the air, told as the height at which a standard atmosphere has it."""
+    """The pressure of the air, as its height in a standard atmosphere."""
 
     measures: ClassVar[str] = "barometer"
 

@@ -391,7 +391,7 @@ class Sensors(Table):
 
 
 def estimation_faults(control: Control, sensors: Sensors | None) -> Iterator[tuple[Place, str]]:
-    """The fault of a state that is estimated without sensors, or told with noise besides."""
+    """The fault of a state that is estimated without sensors, or that has noise besides."""
     if control.estimate and (sensors is None or not sensors.devices):
         yield ("control", "estimate"), "needs sensors to estimate by, such as [[sensors.imu]]"
     elif control.estimate and sensors and sensors.observes:

@@ -39,7 +39,7 @@ def order_faults(moves: Sequence[parts.Move]) -> Iterator[tuple[Place, str]]:
 
 
 class ArmKeys:
-    """Keys by which an arm is told what it does: in a scenario file some end in `_deg`."""
+    """Keys for the motion of an arm: in a scenario file some end in `_deg`."""
 
     @classmethod
     def _key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:

@@ -43,8 +43,8 @@ _log = logging.getLogger("gibbs_codegen")
 class Execution:
     """The run of a sweep, whose cases have `digests` by their numbers.
 
-    `executor` computes, or if None so many processes of this machine; `tell` is told how many cases
-    more are done.
+    `executor` computes, or if None so many processes of this machine; `tell` is called with the
+    number of further cases done.
     """
 
     def __init__(

@@ -181,8 +181,8 @@ def _check_own(folder: Path) -> None:
 def _refuse_out_of_bounds(cases: Cases, progress: Progress) -> None:
     """Raise the error of values that keys cannot take, each beside those of the first case.
 
-    Or of scenarios none of which can be read: a key is misspelt, mostly. `progress` is told the
-    share of the values of a robot and scenario that is done.
+    Or of scenarios none of which can be read: a key is misspelt, mostly. `progress` is called with
+    the share done of the values of a robot and scenario.
     """
     for block in cases.blocks:
         tries = [(axis, value) for axis in block.axes for value in block.ends(axis)]

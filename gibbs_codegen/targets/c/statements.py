@@ -149,7 +149,7 @@ def loop(index: str, count: int | str, body: Sequence[str]) -> list[str]:
 
 
 def vector_loop(index: str, count: int | str, body: Sequence[str]) -> list[str]:
-    """A loop whose rounds do not depend on each other, which compilers are told to vectorise."""
+    """A loop with independent rounds, marked for compilers to vectorise."""
     return ["VECTORISE", *loop(index, count, body)]
 
 

@@ -111,7 +111,7 @@ def variable(name: str) -> str:
 
 
 def check_names(model: Model) -> None:
-    """Raise `UsageError` where names of a robot cannot be told apart in MATLAB.
+    """Raise `UsageError` for names of a robot that MATLAB cannot distinguish.
 
     A name is too long, is taken, or would be that of something else.
     """
