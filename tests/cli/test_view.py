@@ -49,7 +49,7 @@ def test_a_file_is_written_of_a_flight_and_of_a_robot(workplace: Path) -> None:
     [
         (("nothing",), "nothing: "),
         (("flihgt",), "to show a flight, give a folder with a flight.npz"),
-        (("flight/none.npz",), "is not a flight"),
+        (("flight/none.npz",), "is not a saved flight"),
         (("flight", "--html", "flight"), "give a name that ends in .html"),
         (("flight", "--port", "0"), "a port is a number from 1 to 65535"),
     ],

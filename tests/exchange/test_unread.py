@@ -65,11 +65,11 @@ REPORTED: list[tuple[str, dict[str, str], str, str]] = [
         for flag in ("<gravity>0</gravity>", "<turnGravityOff>true</turnGravityOff>")
     ),
     (SDF, {"link": "<gravity>false</gravity>"}, "b", "no gravity acts on it in Gazebo; here it"),
-    (SDF, {"link": "<gravity>0.5</gravity>"}, "b", "flag is 0.5, not true or false; here it"),
+    (SDF, {"link": "<gravity>0.5</gravity>"}, "b", "its gravity flag is 0.5, not true or false"),
     *(
         (URDF, {"robot": f'<gazebo reference="{name}"><gravity>no</gravity></gazebo>'}, name, words)
         for name, words in {
-            "a": "said by no, not by true or false; here it has its weight",
+            "a": "its gravity flag is no, not true or false; here it has its weight",
             "aa": "<gazebo> refers to it in line 3; there is no such link or joint; did you mean a",
         }.items()
     ),

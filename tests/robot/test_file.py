@@ -145,7 +145,7 @@ lenght = 1.0
         "robot.toml:6: base.arm.length: must be at least 0, not -1.0",
         "robot.toml:6: base.arm.mass: must be a number, not a boolean",
         "robot.toml:10: link 1: inertia: violates the triangle inequality: no principal moment "
-        "may exceed the sum of the other two; allow_impossible_inertia = true lets it pass",
+        "may exceed the sum of the other two; to allow it, give allow_impossible_inertia = true",
         "robot.toml:13: link 2: lenght: unknown key; did you mean length?",
     ]
 

@@ -67,7 +67,7 @@ def test_robots_that_ship_are_plausible(name: str) -> None:
             "1e4, 1e4, 2e4",
             "the inertia of the base has a radius of gyration of",
         ),
-        ("1e-4, 1e-4, 1e-4", "1e2, 1e2, 1e2", "the inertia of link 1 is"),
+        ("1e-4, 1e-4, 1e-4", "1e2, 1e2, 1e2", "the inertia of link 1 has"),
         ("drag = -0.02", "drag = -20", "the drag of rotor 2 is -20 m"),
         (
             "drag = -0.02",

@@ -241,7 +241,7 @@ def test_packets_that_are_lost_repeated_foreign_or_garbage(fast: Load) -> None:
         "2 of the packets of ArduPilot were lost",
         "9 of the packets were not ArduPilot's",
         "6 of the packets came from another program, or from one that had restarted, "
-        "and were left aside",
+        "and were ignored",
     ]
 
 

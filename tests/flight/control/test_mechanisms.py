@@ -143,7 +143,10 @@ def test_loops_that_are_open_or_out_of_reach_are_told(caplog: pytest.LogCaptureF
             "cannot follow paths, because its loops",
         ),
         ({"posture_deg": {"crank": 180}}, "t = 0 s its loops do not close at"),
-        ({"moves_deg": {"rocker": [{"to": 9, "duration": 0.01}]}}, "rocker: this joint of"),
+        (
+            {"moves_deg": {"rocker": [{"to": 9, "duration": 0.01}]}},
+            "rocker: loops move this joint of",
+        ),
     ):
         with pytest.raises(UsageError, match=words):
             simulate(module, read_scenario(tables | {"arm": arm}))

@@ -230,7 +230,10 @@ def test_topics_of_other_names_and_kinds(shipped: Modules, tmp_path: Path) -> No
     np.testing.assert_allclose(flight.v, np.stack(expected, axis=1), atol=1e-6)
     np.testing.assert_allclose(flight.q[:, 8], np.cos(t), atol=1e-7)
     for wrong, message in (
-        ({"forearm": "wrist"}, "no positions of the joint forearm; .* There are: shoulder, elbow"),
+        (
+            {"forearm": "wrist"},
+            "no positions of the joint forearm; .* The log has: shoulder, elbow",
+        ),
         (
             {"odometry": "/odom"},
             "/odom is not in it; --name odometry=TOPIC.* there are /arm .*, /mocap/pose ",

@@ -82,7 +82,7 @@ def test_what_cannot_be_drawn_or_written_is_told(shipped: Shipped, tmp_path: Pat
     with pytest.raises(UsageError, match="no sample can be drawn"), viewing(nowhere, 8450):
         pass
     (tmp_path / "no.npz").write_text("no")
-    with pytest.raises(UsageError, match="is not a flight"):
+    with pytest.raises(UsageError, match="is not a saved flight"):
         gibbs_codegen.view_html(tmp_path / "no.npz")
 
 
