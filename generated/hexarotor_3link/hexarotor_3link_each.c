@@ -12,7 +12,7 @@
 
 /* ---- init_constants_batch ---- */
 
-/* Constants of one lane from its parameters; returns 1 if they are unusable, as in hexarotor_3link.c. */
+/* Constants of a lane from its parameters; 1 if unusable, as in hexarotor_3link.c. */
 static INLINE int constants_lane(const real *RESTRICT parameters, Constants *RESTRICT constants,
     const int stride)
 {

@@ -65,7 +65,7 @@ REPORTED: list[tuple[str, dict[str, str], str, str]] = [
         for flag in ("<gravity>0</gravity>", "<turnGravityOff>true</turnGravityOff>")
     ),
     (SDF, {"link": "<gravity>false</gravity>"}, "b", "no gravity acts on it in Gazebo; here it"),
-    (SDF, {"link": "<gravity>0.5</gravity>"}, "b", "its gravity flag is 0.5, not true or false"),
+    (SDF, {"link": "<gravity>0.5</gravity>"}, "a", "its gravity flag is 0.5, not true or false"),
     *(
         (URDF, {"robot": f'<gazebo reference="{name}"><gravity>no</gravity></gazebo>'}, name, words)
         for name, words in {
