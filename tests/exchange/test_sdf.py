@@ -48,8 +48,9 @@ class Read(NamedTuple):
     joints: dict[str, Array]
 
 
-def written(path: Path, folder: Path, *words: str) -> str:
-    """What libsdformat prints of a file, of which it must not complain."""
+@pytest.fixture(scope="session")
+def reader(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A program that prints what libsdformat reads; to look at its headers alone takes seconds."""
     found = subprocess.run(
         ["pkg-config", "--cflags", "--libs", "sdformat12"], capture_output=True, text=True
     )
@@ -57,15 +58,19 @@ def written(path: Path, folder: Path, *words: str) -> str:
         tools.missing("libsdformat-dev is not installed")
     flags = ["-std=c++17", "-w", *found.stdout.split()]
     command = [tools.tool("g++"), PROGRAM, *flags]
-    program = tools.compiled(command, folder / "sdf_reader")
-    done = subprocess.run([program, path, *words], capture_output=True, text=True)
+    return tools.compiled(command, tmp_path_factory.mktemp("sdf") / "reader")
+
+
+def written(reader: Path, path: Path, *words: str) -> str:
+    """What libsdformat prints of a file, of which it must not complain."""
+    done = subprocess.run([reader, path, *words], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout
 
 
-def as_read(path: Path, folder: Path) -> Read:
+def as_read(reader: Path, path: Path) -> Read:
     """What libsdformat reads in a file."""
-    lines = [line.split() for line in written(path, folder).splitlines()]
+    lines = [line.split() for line in written(reader, path).splitlines()]
     numbers: dict[str, dict[str, Array]] = {"link": {}, "joint": {}}
     for kind, name, *words in lines:
         numbers[kind][name] = np.array(words, float)
@@ -103,7 +108,7 @@ def assert_is_as_read(robot: Robot, read: Read) -> None:
 
 
 @pytest.mark.parametrize("name", ["hexarotor_3link", "hydrus", "dual_arm", "quadrotor_arm_2link"])
-def test_shipped_robots_come_back(name: str, tmp_path: Path) -> None:
+def test_shipped_robots_come_back(name: str, reader: Path, tmp_path: Path) -> None:
     robot, path = with_quaternion(name), tmp_path / "robot.sdf"
     text, _ = export_robot(robot, "sdf")
     path.write_text(text)
@@ -120,14 +125,16 @@ def test_shipped_robots_come_back(name: str, tmp_path: Path) -> None:
     matrix = matrix - np.diag(armature)
     assert np.abs(found.mass_matrix - matrix).max() < 1e-12 * np.abs(matrix).max()
     assert np.allclose(found.inputs, ours.input_matrix(q), rtol=0.0, atol=1e-12)
-    assert_is_as_read(back, as_read(path, tmp_path))
+    assert_is_as_read(back, as_read(reader, path))
 
 
-def test_actuators_are_written_as_motors_and_controllers_of_gazebo(tmp_path: Path) -> None:
+def test_actuators_are_written_as_motors_and_controllers_of_gazebo(
+    reader: Path, tmp_path: Path
+) -> None:
     robot, path = actuated(), tmp_path / "robot.sdf"
     text, lines = export_robot(robot, "sdf")
     path.write_text(text)
-    assert as_read(path, tmp_path).mass == pytest.approx(robot.total_mass)
+    assert as_read(reader, path).mass == pytest.approx(robot.total_mass)
     own = "rate of its servo and delay of its servo and backlash of its servo and static friction"
     assert f"left out: joint upper: {own}" in lines
     assert "left out: inflow, ground effect of the air (rotors front_left)" in lines
@@ -172,7 +179,9 @@ SEEN = {
 
 
 @pytest.mark.parametrize("seen", SEEN)
-def test_what_is_placed_by_frames_is_where_libsdformat_has_it(seen: str, tmp_path: Path) -> None:
+def test_what_is_placed_by_frames_is_where_libsdformat_has_it(
+    seen: str, reader: Path, tmp_path: Path
+) -> None:
     path = tmp_path / "robot.sdf"
     text = SEEN[seen]
     path.write_text(text)
@@ -196,7 +205,7 @@ def test_what_is_placed_by_frames_is_where_libsdformat_has_it(seen: str, tmp_pat
     }
     # With the include libsdformat looks for the sun.
     path.write_text(text.replace("<include><uri>model://sun</uri></include>", ""))
-    assert_is_as_read(robot, as_read(path, tmp_path))
+    assert_is_as_read(robot, as_read(reader, path))
 
 
 def test_frames_on_the_world_are_told(tmp_path: Path) -> None:
@@ -309,7 +318,9 @@ TOGETHER = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["nested, placed by a frame", "merged", "through another"])
-def test_models_are_put_together_as_libsdformat_does(kind: str, tmp_path: Path) -> None:
+def test_models_are_put_together_as_libsdformat_does(
+    kind: str, reader: Path, tmp_path: Path
+) -> None:
     """The file itself, and the one that libsdformat writes of it, in which nothing is included."""
     shelf = '<frame name="shelf" attached_to="body"><pose>0 0.1 0.2 0 0 0.7</pose></frame>'
     texts = {"arm": ARM, "machine": f"{link('body', 1.5)}{shelf}{TOGETHER[kind]}"}
@@ -321,10 +332,10 @@ def test_models_are_put_together_as_libsdformat_does(kind: str, tmp_path: Path) 
     robot, _ = import_robot(path, options)
     (rotor,) = robot.thrusters
     assert (rotor.drag, rotor.limits) == (0.016, (0.0, 8.54858e-06 * 838.0**2))
-    assert_is_as_read(robot, as_read(path, tmp_path))
+    assert_is_as_read(robot, as_read(reader, path))
     whole = tmp_path / "whole.sdf"
-    whole.write_text(written(path, tmp_path, "-p"))
-    assert_is_as_read(import_robot(whole, options)[0], as_read(whole, tmp_path))
+    whole.write_text(written(reader, path, "-p"))
+    assert_is_as_read(import_robot(whole, options)[0], as_read(reader, whole))
 
 
 @pytest.mark.parametrize(
@@ -416,11 +427,11 @@ def test_what_is_wrong_in_a_file_is_told(
     assert message in str(caught.value)
 
 
-def test_a_link_without_inertia_has_what_sdf_says(tmp_path: Path) -> None:
+def test_a_link_without_inertia_has_what_sdf_says(reader: Path, tmp_path: Path) -> None:
     path = tmp_path / "robot.sdf"
     path.write_text('<sdf version="1.9"><model name="m"><link name="a"/></model></sdf>')
     robot, report = import_robot(path, ImportOptions("quaternion"))
-    assert_is_as_read(robot, as_read(path, tmp_path))
+    assert_is_as_read(robot, as_read(reader, path))
     assert robot.total_mass == 1.0
     assert any(line.subject == "a" and "so SDF's defaults" in line.detail for line in report)
 
@@ -464,11 +475,11 @@ def test_models_that_the_world_holds_stand_where_they_are(
 
 
 @pytest.mark.slow  # It compiles a program with libsdformat.
-def test_bases_that_do_not_fly_are_read_by_libsdformat(tmp_path: Path) -> None:
+def test_bases_that_do_not_fly_are_read_by_libsdformat(reader: Path, tmp_path: Path) -> None:
     robot, _ = read_robot("quadrotor_arm_2link")
     base = replace(robot.base, attitude="xyz", motion=("x", "z", "pitch"))
     text, _ = export_robot(replace(robot, base=base), "sdf")
     (tmp_path / "planar.sdf").write_text(text)
-    read = as_read(tmp_path / "planar.sdf", tmp_path)
+    read = as_read(reader, tmp_path / "planar.sdf")
     assert {"x", "z", "pitch"} <= {*read.joints}
     assert read.mass == pytest.approx(robot.total_mass)

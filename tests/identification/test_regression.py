@@ -66,12 +66,7 @@ def read(recording: Recording, frame: str, seed: int, gyroscope: float) -> Recor
 # The camera lies on the base, ahead of it, and is pitched by 30 degrees.
 @pytest.mark.parametrize(
     ("frame", "seed", "gyroscope"),
-    [
-        ("base", 0, 5e-3),
-        ("base", 1, 1e-3),
-        ("base", 2, 5e-3),
-        ("camera", 3, 1e-3),
-    ],
+    [("base", 0, 5e-3), ("camera", 3, 1e-3)],
 )
 def test_inertias_are_found_without_a_pose_though_readings_are_late(
     module, recording, frame, seed, gyroscope

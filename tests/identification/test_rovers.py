@@ -73,7 +73,7 @@ def test_numbers_of_a_rover_are_found_within_their_deviations(flight, captured: 
 def test_how_certain_states_are_is_that_of_the_dense_equations(flight, monkeypatch) -> None:
     """The determinant by differences of residuals along all states, and its slope by numbers."""
     module = compiled_module(parse_robot(ROVER))
-    recording, samples = recording_of(flight, module, "bends"), 24
+    recording, samples = recording_of(flight, module, "bends"), 8
     model, unknowns = model_of(module, [recording]), Unknowns(module, [*REAL], 0.3)
     smoother = Smoother(model, unknowns, [Readings(recording, module, ())])
     monkeypatch.setattr("gibbs_codegen.identification.smoothing._EVERY", 1)

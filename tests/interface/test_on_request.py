@@ -20,6 +20,7 @@ from gibbs_codegen.program.choice import chosen_derivatives
 from gibbs_codegen.runtime.loaded_module import require_functions
 
 ROBOT = "quadrotor_2link"
+pytestmark = pytest.mark.usefixtures("derived_once")
 
 
 @pytest.fixture(scope="module")

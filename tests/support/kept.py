@@ -19,7 +19,7 @@ _PACKAGE = _TESTS.parent / "gibbs_codegen"
 _APART = {"cli", "exchange", "figures", "flight", "identification", "verification"}
 _ROBOTS = (
     *("tests/support/compiled.py", "tests/support/random_robots.py"),
-    "tests/support/actuated.py",
+    *("tests/support/actuated.py", "tests/support/on_request.py"),
     "benchmarks/family.py",
 )
 
