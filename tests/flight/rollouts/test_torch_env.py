@@ -22,7 +22,7 @@ from gibbs_codegen.machine.policies import Situation
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.runtime.load import load
 
-# It is not among what CI installs: it is large.
+# CI has it in a folder of its own: it is large.
 torch = pytest.importorskip("torch")
 tool("cc")
 
@@ -260,7 +260,7 @@ def test_the_page_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("task", "method", "rounds"),
-    [("hover", "gradients", 45), ("hover", "ppo", 30), ("reach", "gradients", 60)],
+    [("hover", "ppo", 30), ("reach", "gradients", 60)],
 )
 def test_examples_learn(
     task: str, method: str, rounds: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
