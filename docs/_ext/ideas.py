@@ -87,17 +87,17 @@ def work_sketch() -> Figure:
         figure = Figure(figsize=(FULL, 3.6))
         axes = sheet(figure, (1, 1, 1), (-0.8, 5.2), (-0.5, 3.15))
         first, middle = spot(0.0, 0.0), spot(2.0, 0.0)
-        along, across = directions(60.0)
+        along, across = directions(120.0)
         seat = middle + 2.0 * along
         draw_bar(axes, first, middle, "white", 7.0)
         draw_bar(axes, middle, seat, "0.8", 7.0)
         draw_arrow(axes, first, seat, DARK, DASHED)
-        draw_name(axes, "$r - o$", 0.55 * seat + spot(-0.35, 0.2))
+        draw_name(axes, "$r - o$", 0.55 * seat + spot(-0.4, 0.0))
         tangent = 0.3 * np.array([-seat[1], seat[0]])
         draw_arrow(axes, seat, seat + tangent, Y_AXIS)
         draw_name(axes, r"$e\times(r - o)$", seat + tangent + spot(0.0, 0.2), Y_AXIS)
         draw_arrow(axes, seat, seat + 0.9 * across, THRUST)
-        draw_name(axes, "1 N of motor 6", seat + 0.9 * across + spot(-0.95, -0.05), THRUST)
+        draw_name(axes, "1 N of motor 6", seat + 0.9 * across + spot(-0.75, -0.05), THRUST)
         draw_curved_arrow(axes, arc(first, 0.7, -25.0, 30.0), CONSTRAINT)
         draw_name(axes, r"$\delta\theta_1$", spot(0.95, -0.3), CONSTRAINT)
         draw_name(axes, "$O_1$", spot(-0.3, -0.2))
@@ -108,15 +108,15 @@ def work_sketch() -> Figure:
 
 
 def missing_force_sketch() -> Figure:
-    """Draw base arm 6 in hover from the side, with its weight and what its chain lacks."""
+    """Draw base arm 4 in hover from the side, with its weight and what its chain lacks."""
     with style():
         figure = Figure(figsize=(FULL, 2.3))
         axes = sheet(figure, (1, 1, 1), (-2.6, 4.4), (-1.35, 1.2))
         root, end = spot(0.0, 0.0), spot(2.0, 0.0)
         draw_bar(axes, spot(-2.0, 0.0), root, "white", 7.0)
-        draw_bar(axes, root, end, COLOURS[4], 7.0)
+        draw_bar(axes, root, end, COLOURS[2], 7.0)
         draw_arrow(axes, spot(1.0, 0.0), spot(1.0, -0.9), THRUST)
-        draw_name(axes, "weight of arm 6, 4.905 N: in chain 5", spot(2.6, -1.1), THRUST)
+        draw_name(axes, "weight of arm 4, 4.905 N: in chain 3", spot(2.6, -1.1), THRUST)
         draw_arrow(axes, root, spot(0.0, 0.9), CONSTRAINT, DASHED)
         draw_curved_arrow(axes, arc(root, 0.45, -60.0, 60.0), CONSTRAINT)
         draw_name(
@@ -133,18 +133,18 @@ def held_joint_sketch() -> Figure:
     """Draw from above how motor 6 pushes, and the torque that keeps its arm from turning."""
     with style():
         figure = Figure(figsize=(FULL, 2.9))
-        axes = sheet(figure, (1, 1, 1), (-2.4, 4.6), (-0.8, 2.5))
-        along, across = directions(60.0)
+        axes = sheet(figure, (1, 1, 1), (-3.2, 3.8), (-0.8, 2.1))
+        along, across = directions(120.0)
         seat = 1.9 * along
         draw_bar(axes, spot(-1.9, 0.0), spot(0.0, 0.0), "0.93", 7.0)
         draw_bar(axes, spot(0.0, 0.0), seat, COLOURS[4], 7.0)
         draw_arrow(axes, seat, seat + 1.1 * across, THRUST)
-        draw_name(axes, "$F_6 = 3$ N", seat + 1.1 * across + spot(-0.55, 0.02), THRUST)
+        draw_name(axes, "$F_6 = 3$ N", seat + 1.1 * across + spot(-0.2, -0.2), THRUST)
         draw_curved_arrow(axes, arc(spot(0.0, 0.0), 0.75, 40.0, -80.0), CONSTRAINT)
         draw_name(
             axes, r"$\tau_6' = -3\,\mathrm{N}\cdot0.5\,\mathrm{m}$", spot(2.1, 0.1), CONSTRAINT
         )
-        draw_name(axes, "0.5 m", 0.5 * seat + spot(0.5, -0.02))
+        draw_name(axes, "0.5 m", 0.5 * seat + spot(0.45, 0.1))
         draw_name(axes, "$O_2$", spot(-0.15, -0.35))
         draw_name(axes, "arm 1", spot(-1.2, -0.3))
         return figure
