@@ -66,7 +66,7 @@ def drone(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
 
 @pytest.fixture(scope="module")
 def designed(drone: ModuleType) -> Design:
-    return design(drone, NUMBERS, {"duration": 6, **SCENARIO}, room=0.6, tries=10)
+    return design(drone, NUMBERS, {"duration": 6, **SCENARIO}, room=0.6, tries=5)
 
 
 SCENARIO: Mapping[str, Any] = {
@@ -79,7 +79,7 @@ SCENARIO: Mapping[str, Any] = {
 }
 
 
-@pytest.mark.slow  # 40 s, for the first of these tests; inline: the search, below.
+@pytest.mark.slow  # 16 s, for the first of these tests; inline: the search, below.
 def test_limits_hold_in_flight(drone: ModuleType, designed: Design) -> None:
     flight = simulate(drone, parse_scenario(designed.scenario))
     assert not flight.stopped
@@ -128,11 +128,11 @@ def test_it_tells_more_than_a_circle(drone: ModuleType, designed: Design) -> Non
     assert least[0] > 10.0 * least[1]
 
 
-@pytest.mark.slow  # 20 s; inline: the search, below.
+@pytest.mark.slow  # 7 s; inline: the search, below.
 def test_an_arm_on_a_table(tmp_path: Path) -> None:
     """It bends and stretches, which one joint after the other would not tell."""
     module = module_of(tmp_path, TABLE + ARM + OUTER)
-    few, many = (design(module, ["*_per_length"], tries=k) for k in (1, 12))
+    few, many = (design(module, ["*_per_length"], tries=k) for k in (1, 6))
     assert np.all(many.deviations < few.deviations)
     assert "[base]" not in many.scenario
     flight = simulate(module, parse_scenario(many.scenario))

@@ -155,12 +155,12 @@ def test_a_robot_file_may_be_far_off(module, flight, identified, tmp_path: Path)
     np.testing.assert_allclose(again.values, identified.values, rtol=0.03, atol=1e-4)
 
 
-@pytest.mark.slow  # 15 s, most of it in the fit; inline: the mass matrix in test_numbers.py.
+@pytest.mark.slow  # 11 s, most of it in the fit; inline: the mass matrix in test_numbers.py.
 def test_a_load_is_weighed_by_an_ordinary_flight(tmp_path: Path, caplog) -> None:
-    """Ten seconds of the scenario `circle`, with 150 g at the tip, 180 mm below the joint."""
+    """Six seconds of the scenario `circle`, with 150 g at the tip, 180 mm below the joint."""
     module = load(generate(ROBOT, tmp_path, keep_zeros=True, verify=False), backend="c")
     changes = {
-        "duration": 10,
+        "duration": 6,
         "payload": [{"frame": "tip", "mass": 0.15}],
         "control": {"rate": 200},
         "integration": {"method": "rk4", "step": 0.0025, "rate": 200},
