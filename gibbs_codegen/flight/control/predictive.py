@@ -125,9 +125,8 @@ class Tolerances:
     - `position`, m, of the base, None if it is where points need it; `attitude`, rad; `joints`, rad
       or m, one or one a joint: off the posture
     - `velocity`, m/s, `angular_velocity`, rad/s, `joint_rates`, rad/s or m/s, one or one a joint
-    - `thrust`, N, and `effort`, N m or N, one or one a joint and then a wheel: off those of hover;
-        `change`: share of these by which inputs may change from step to step, None if changes are
-      free
+    - `thrust`, N, and `effort`, N m or N, one or one a joint and then a wheel: off those of hover
+    - `change`: share of these by which inputs may change from step to step, None if free
     """
 
     point: float = 0.002

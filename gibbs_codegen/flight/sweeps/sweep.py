@@ -91,10 +91,10 @@ def sweep(
         scenarios: One or several scenarios, names or files of scenarios.
         parameters: What entries of the scenario take on, by their keys, such as
             `motors.time_constant`, `start.offset[2]` or `plant.gravity`; a bare name of the
-            module's PARAMETERS is one of [parameters], and * in such names matches any. A value is
+            module's PARAMETERS is one of [parameters], and `*` in names matches any. A value is
             a list, which is combined with the lists of other keys; a distribution (`uniform`,
             `normal`, `log_uniform`); `scaled` of these, for factors of the value in robot or
-            scenario; or `together` of these, one number for all matches of a key with *.
+            scenario; or `together` of these, one number for all matches of a key with `*`.
         samples: How many times numbers are drawn for each combination of listed values.
         seed: Seed of the random numbers, noise of sensors included.
         measure: Measures by name: functions of a `Flight`, or texts such as "tip_error.max".
