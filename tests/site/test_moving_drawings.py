@@ -16,7 +16,7 @@ from moving import hybrid_equation
 from support.browser import visit
 from support.notebook_cells import run_cells
 
-from gibbs_codegen import load
+from gibbs_codegen import generate, load
 from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.file import read_robot
 
@@ -264,3 +264,40 @@ def in_numbers(said: str, q: dict[str, float]) -> float:
     expression, *letters = re.split(r", with |, (?=\w+<sub>[^=]*=)", said.partition(": ")[2])
     defined.update((name, value(text)) for name, text in (x.split(" = ") for x in letters))
     return value(expression.rpartition(" = ")[2])
+
+
+def test_step_response_grows_beyond_the_limits_found_by_hand(tmp_path: Path) -> None:
+    notebook = nbformat.read(ROOT / "notebooks/06_your_own_controller.ipynb", as_version=4)
+    wanted = [c for c in notebook.cells if c.id in ("setup", "step-response")]
+    drawing, _ = run_cells(wanted, {"step-response"})["step-response"]
+    with open_page(drawing.data, tmp_path) as seen:
+
+        def growth(h: float, delay: float, lag: float) -> float:
+            move(seen.page, h, delay, lag)
+            return float(str(seen.page.locator("figure").get_attribute("data-growth")))
+
+        assert growth(0.005, 0.0, 1e-4) < 1e-3
+        for below, above in (
+            ((0.19, 0.0, 1e-4), (0.21, 0.0, 1e-4)),
+            ((0.005, 0.12, 1e-4), (0.005, 0.132, 1e-4)),
+            ((0.005, 0.0, 0.38), (0.005, 0.0, 0.42)),
+        ):
+            assert growth(*below) < 1.0 < growth(*above)
+        assert (seen.foreign, seen.faults) == ([], [])
+
+
+def test_hydrus_follows_its_joints(tmp_path: Path) -> None:
+    notebook = nbformat.read(ROOT / "notebooks/04_quasi_velocities.ipynb", as_version=4)
+    wanted = [c for c in notebook.cells if c.id in ("setup", "hydrus-drawn")]
+    module = load(generate("hydrus", tmp_path, verify=False))
+    wanted[0].source += f"\nhydrus = load({str(tmp_path / 'hydrus')!r})"
+    drawing, _ = run_cells(wanted, {"hydrus-drawn"})["hydrus-drawn"]
+    with open_page(drawing.data, tmp_path) as seen:
+        for angle in (0.0, 60.0, 90.0):
+            move(seen.page, angle)
+            posture = np.array([0, 0, 0, 0, 0, 0, 1, *[np.deg2rad(angle)] * 3])
+            discs = np.reshape(numbers(seen.page, "rotors", "d"), (4, -1))[:, :2] + [14.0, 0.0]
+            at = dict(zip(module.POINTS, module.positions(posture), strict=True))
+            off = [at[f"rotor{k}"] - module.centre_of_mass(posture) for k in (1, 2, 3, 4)]
+            assert np.allclose(discs, [200, 130] + [130, -130] * np.array(off)[:, :2], atol=0.06)
+        assert (seen.foreign, seen.faults) == ([], [])
