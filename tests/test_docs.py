@@ -60,7 +60,10 @@ def pages_with(language: str) -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [p for p in pages_with("python") if p not in RUN_ELSEWHERE])
+@pytest.mark.parametrize(
+    "page",
+    [p for p in pages_with("python") if p not in RUN_ELSEWHERE and "/lessons/" not in p],
+)
 def test_python_runs(page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The blocks of a page one after the other, in an empty folder; prompts give what is shown.
 
