@@ -5,6 +5,7 @@ Where there is no compiler for WebAssembly, the first page replays a flight inst
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from shutil import copyfile
 
@@ -41,6 +42,10 @@ def write_flights(app: Sphinx) -> None:
 
 def lead_to_flights(app: Sphinx, docname: str, source: list[str]) -> None:
     """Give robots of the gallery that have such a page a link to it."""
+    first = Path(app.outdir, "fly", f"{FIRST}.html")
+    if docname == "index" and first.exists() and "WebAssembly" not in first.read_text("utf-8"):
+        sentence = r"Drag a ring, .*? in your browser\. "  # Here it is a flight that is replayed.
+        source[0] = re.sub(sentence, "", source[0], flags=re.DOTALL)
     if docname == "gallery":
         for page in sorted(Path(app.outdir, "fly").glob("*.html")):
             link = f'<a href="fly/{page.name}">Fly it in this browser</a>'

@@ -436,7 +436,7 @@ def _replay(parser: Parser) -> None:
 @_command("show a robot or a flight in the browser, live or as one file")
 def _view(parser: Parser) -> None:
     parser.add("what", "ROBOT|FLIGHT", f"a robot, as for `simulate`; or {_FLIGHT}")
-    meaning = "write one self-contained HTML file instead of starting a server"
+    meaning = "write one self-contained new HTML file instead of starting a server"
     parser.add("--html", "FILE", meaning)
     parser.add(
         "--port",
@@ -457,7 +457,7 @@ def _paper(parser: Parser) -> None:
 @_command("write one page on which a robot flies in any browser, by its own emitted C and law")
 def _fly(parser: Parser) -> None:
     parser.add("robot", "ROBOT", _PLACES)
-    parser.add("--html", "FILE", "page to write (default: ROBOT.html)")
+    parser.add("--html", "FILE", "page to write, which must not exist yet (default: ROBOT.html)")
 
 
 @_command("write a commented robot file to start from")

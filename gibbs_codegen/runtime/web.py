@@ -47,52 +47,32 @@ _CLANGS = ("clang", *(f"clang-{version}" for version in range(30, 10, -1)))
 _MEMBER = re.compile(r"^ +\w+_real (\w+)(?:\[(\d+)\])?;", re.MULTILINE)
 
 
-def web_assembly(
-    module: ModuleType, functions: Iterable[str] | None = None, laws: Iterable[str] = ()
-) -> bytes:
-    """Functions of a module, by default all, and laws that it has in C, as WebAssembly.
+def web_files(
+    module: ModuleType, functions: Iterable[str] | None = None, laws: Sequence[str] = ()
+) -> tuple[bytes, str]:
+    """Functions of a module, by default all, and laws that it has in C: WebAssembly and ES module.
 
-    It imports `sin`, `cos`, `atan`, `atan2` and `exp` from `env`, and exports functions as the
-    header declares them, for one state, and `__heap_base`, where free memory begins. Raises
-    `UsageError` where a function, a law or the target c is missing, or a compiler.
+    The first imports `sin`, `cos`, `atan`, `atan2` and `exp` from `env`, and exports functions as
+    the header declares them, for one state, and `__heap_base`, where free memory begins. The other
+    exports `load`, which takes those bytes and promises the robot: an object with a function for
+    each emitted one, and an array for each argument. Raises `UsageError` where a function, a law
+    or the target c is missing, or a compiler.
     """
-    chosen, laws = _chosen(module, functions), tuple(laws)
     folder, name = Path(module.__path__[0]), module.NAME
-    files = [RUNTIME, f"{name}.h", f"{name}.c", *_law_files(name, laws)]
+    signatures = [x for x in module_signatures(module) if functions is None or x.name in functions]
+    require_functions(module, functions or ())
+    files = [RUNTIME, f"{name}.h", f"{name}.c"]
+    files += [f"{name}_laws.h", f"{name}_laws.c"] if laws else []
     if laws and not (folder / files[-1]).is_file():
         raise UsageError(f"{name}: has no laws; generate it with --laws={','.join(laws)}")
     texts = module_texts(folder, files)
+    headers = b"".join(texts[file] for file in files[1::2]).decode()
+    chosen = [x.name for x in signatures]
     if not laws:  # They call functions that nobody names.
         parts = {part for x in chosen for part in (x, *FUNCTIONS[x].composed)}
         texts[f"{name}.c"] = some_functions(texts[f"{name}.c"], parts)
-    return assembled(name, texts, [*chosen, *with_rotors(laws)])
-
-
-def web_script(
-    module: ModuleType, functions: Iterable[str] | None = None, laws: Iterable[str] = ()
-) -> str:
-    """The ES module that calls what `web_assembly` makes of the same arguments.
-
-    It exports `load`, which takes those bytes and promises the robot: an object with a function for
-    each emitted one, and an array for each argument. Raises `UsageError` as that does.
-    """
-    chosen, laws, name = _chosen(module, functions), tuple(laws), module.NAME
-    files = [f"{name}.h", *_law_files(name, laws)[:1]]
-    headers = b"".join(module_texts(Path(module.__path__[0]), files).values()).decode()
-    signatures = [x for x in module_signatures(module) if x.name in chosen]
-    return render(TEMPLATE, script_context(module, signatures, headers, laws))
-
-
-def _chosen(module: ModuleType, functions: Iterable[str] | None) -> list[str]:
-    """Names of chosen functions of a module, in the order of the table."""
-    names = [signature.name for signature in module_signatures(module)]
-    chosen = names if functions is None else [*functions]
-    require_functions(module, chosen)
-    return [name for name in names if name in chosen]
-
-
-def _law_files(name: str, laws: Sequence[str]) -> list[str]:
-    return [f"{name}_laws.h", f"{name}_laws.c"] if laws else []
+    context = script_context(module, signatures, headers, laws)
+    return assembled(name, texts, [*chosen, *laws]), render(TEMPLATE, context)
 
 
 def script_context(
@@ -122,7 +102,7 @@ def script_context(
     structures = rf"typedef struct \{{\n(.*?)\n\}} {name}_(\w+);"
     for members, structure in re.findall(structures, headers, re.DOTALL):
         arrays[structure] = {part: int(size or 1) for part, size in _MEMBER.findall(members)}
-    for law in with_rotors(laws):  # Where there are none, nothing is known of rotors.
+    for law in (*laws, "init_rotors"):  # Where there are none, nothing is known of rotors.
         if found := re.search(rf"\bvoid {name}_{law}\(([^)]*)\);", headers):
             functions[law] = [*map(_parameter, found[1].split(",")[1:])]
     entries = [sum(size.values()) if isinstance(size, dict) else size for size in arrays.values()]
@@ -136,11 +116,6 @@ def script_context(
         "functions": json.dumps(functions),
         "entries": sum(entries) + sum(results),
     }
-
-
-def with_rotors(laws: Sequence[str]) -> list[str]:
-    """Names of the functions of laws."""
-    return [*laws, *["init_rotors"] * bool(laws)]
 
 
 def _parameter(declared: str) -> Any:
@@ -157,11 +132,11 @@ def assembled(name: str, texts: Mapping[str, bytes], functions: Sequence[str]) -
     `texts` are by file names. Raises `UsageError` where no compiler makes it.
     """
     command = [*compiler(), *_FLAGS, "-I", str(NATIVE / "web"), f"-D{name.upper()}_SINGLY"]
-    symbols = ["init_constants", "default_constants", "default_parameters", *functions]
+    symbols = [*("init_constants", "default_constants", "default_parameters"), *functions]
     headers = b"".join(text for file, text in texts.items() if file.endswith(".h"))
     named = [f"{name}_{symbol}" for symbol in symbols]
-    # Laws of what has no rotors make nothing of them.
-    exported = [symbol for symbol in named if symbol.encode() in headers]
+    # What laws know of rotors, where there are any.
+    exported = [x for x in (*named, f"{name}_init_rotors") if x.encode() in headers]
 
     def make(output: Path) -> None:
         what = f"{name}: compiling it to WebAssembly, to be kept for the next time"

@@ -19,7 +19,6 @@ from gibbs_codegen.interface import FUNCTIONS, options_for
 from gibbs_codegen.machine.first_order import ACTING
 from gibbs_codegen.program.choice import Functions, chosen_functions
 from gibbs_codegen.program.model import Model
-from gibbs_codegen.runtime.c_library import RUNTIME
 from gibbs_codegen.runtime.rollout_source import TEMPLATES as ROLLOUT_TEMPLATES
 from gibbs_codegen.runtime.web import TEMPLATE as WEB_TEMPLATE
 from gibbs_codegen.targets import web as web_target
@@ -70,13 +69,6 @@ class Target:
     calls: tuple[str, ...] = ()
 
 
-_C_FILES = {
-    "c_header.h.jinja": "{name}.h",
-    "c_source.c.jinja": "{name}.c",
-    "c_batch.c.jinja": "{name}_batch.c",
-    "c_each.c.jinja": "{name}_each.c",
-    "c_runtime.h.jinja": RUNTIME,
-}
 TARGETS: dict[str, Target] = {
     "numpy": Target(
         InfixPrinter(),
@@ -86,7 +78,11 @@ TARGETS: dict[str, Target] = {
     "c": Target(
         CPrinter(),
         _shared(c_target.module_text),
-        _C_FILES,
+        {
+            **web_target.COMPILED,
+            "c_batch.c.jinja": "{name}_batch.c",
+            "c_each.c.jinja": "{name}_each.c",
+        },
     ),
     "rollout": Target(
         CPrinter(),
@@ -118,7 +114,7 @@ TARGETS: dict[str, Target] = {
     "web": Target(
         CPrinter(),
         web_target.contexts,
-        {**_C_FILES, WEB_TEMPLATE: "{name}.mjs"},
+        {**web_target.COMPILED, WEB_TEMPLATE: "{name}.mjs"},
         by_default=False,
         archives=web_target.archives,
     ),

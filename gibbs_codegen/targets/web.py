@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,13 +14,13 @@ from gibbs_codegen.machine.laws import LAWS
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.description import Description
 from gibbs_codegen.runtime.c_library import RUNTIME
-from gibbs_codegen.runtime.web import TEMPLATE, assembled, script_context, with_rotors
+from gibbs_codegen.runtime.web import TEMPLATE, assembled, script_context
 from gibbs_codegen.targets import documentation
 from gibbs_codegen.targets.c import target as c_target
 from gibbs_codegen.targets.c.laws import law_files
 from gibbs_codegen.targets.printers import Context, CPrinter, InfixPrinter, Lines
 
-_COMPILED = {
+COMPILED = {
     "c_runtime.h.jinja": RUNTIME,
     "c_header.h.jinja": "{name}.h",
     "c_source.c.jinja": "{name}.c",
@@ -92,8 +92,8 @@ def _explained(description: Description, signature: Signature) -> list[str]:
 def archives(model: Model, header: Lines) -> dict[str, bytes]:
     """The WebAssembly of a model, by the name of its file."""
     name, values = model.robot.name, c_target.module_text(model, CPrinter(), header)
-    texts = {file.format(name=name): render(x, values) for x, file in _COMPILED.items()}
+    texts = {file.format(name=name): render(x, values) for x, file in COMPILED.items()}
     texts |= law_files(model, header) if _laws(model) else {}
-    functions: Sequence[str] = [signature.name for signature in model.signatures]
+    functions = [*(signature.name for signature in model.signatures), *_laws(model)]
     sources = {file: text.encode() for file, text in texts.items()}
-    return {f"{name}.wasm": assembled(name, sources, [*functions, *with_rotors(_laws(model))])}
+    return {f"{name}.wasm": assembled(name, sources, functions)}

@@ -26,6 +26,7 @@ def workplace(shipped: Shipped, tmp_path: Path) -> Path:
     shutil.copytree(Path(module.__file__ or "").parent, tmp_path / "generated" / "hexarotor_3link")
     (tmp_path / "flight").mkdir()
     synthetic_flight(module, samples=5).write_npz(tmp_path / "flight" / "flight.npz")
+    (tmp_path / "flight.html").touch()
     return tmp_path
 
 
@@ -35,6 +36,7 @@ def test_a_file_is_written_of_a_flight_and_of_a_robot(workplace: Path) -> None:
         ("flight", "hexarotor_3link, synthetic"),
         ("hexarotor_3link", "hexarotor_3link, one coordinate at a time"),
     ):
+        (workplace / "out" / "page.html").unlink(missing_ok=True)
         done = run("view", what, "--html", "out/page.html", cwd=workplace)
         assert (done.returncode, done.stderr) == (0, "")
         assert done.stdout.startswith(f"out/page.html: {title}, 0.")
@@ -51,6 +53,7 @@ def test_a_file_is_written_of_a_flight_and_of_a_robot(workplace: Path) -> None:
         (("flihgt",), "to show a flight, give a folder with a flight.npz"),
         (("flight/none.npz",), "is not a saved flight"),
         (("flight", "--html", "flight"), "give a name that ends in .html"),
+        (("flight", "--html", "flight.html"), "flight.html: exists already"),
         (("flight", "--port", "0"), "a port is a number from 1 to 65535"),
     ],
 )

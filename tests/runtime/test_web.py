@@ -52,8 +52,9 @@ def module(shipped: Callable[[str], ModuleType]) -> ModuleType:
 
 def in_node(module: ModuleType, folder: Path, calls: list[Any], refused: list[Any]) -> Any:
     """All results of calls, and what others say."""
-    (folder / "robot.wasm").write_bytes(web.web_assembly(module))
-    (folder / "robot.mjs").write_text(web.web_script(module), encoding="utf-8")
+    assembly, script = web.web_files(module)
+    (folder / "robot.wasm").write_bytes(assembly)
+    (folder / "robot.mjs").write_text(script, encoding="utf-8")
     (folder / "calls.mjs").write_text(CALLS, encoding="utf-8")
     (folder / "calls.json").write_text(json.dumps([calls, refused]), encoding="utf-8")
     said = run(["env", "-C", folder, tool("node"), "calls.mjs"])
@@ -101,13 +102,15 @@ def test_bits_are_those_of_c_without_fused_operations(module: ModuleType, tmp_pa
 
 def test_what_is_of_no_use_is_refused(module: ModuleType, tmp_path: Path) -> None:
     refused = [["positions", [[1.0]]], ["prepare", [[0.0] * len(module.PARAMETERS)]]]
+    refused.append(["prepare", [[*module.PARAMETERS.values()], [0.0]]])
     _, said = in_node(module, tmp_path, [], refused)
+    assert said[2].endswith("give constants an array that robot.array made")
     assert said[0] == "RangeError: positions: q has 9 entries; 1 are given"
     assert said[1].startswith("RangeError: prepare: the robot has no mass")
     with pytest.raises(MissingFunctionError, match="jvp"):
-        web.web_assembly(module, ["forward_dynamics_jvp"])
+        web.web_files(module, ["forward_dynamics_jvp"])
     with pytest.raises(UsageError, match="--laws"):
-        web.web_assembly(module, ["positions"], ["geometric"])
+        web.web_files(module, ["positions"], ["geometric"])
 
 
 def test_without_a_compiler_both_ways_are_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,25 +7,24 @@ import gzip
 import json
 import os
 import re
-from collections.abc import Sequence
+from itertools import product
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.figures.appearance import disc_radius
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.flight.analysis.linear_model import lqr
 from gibbs_codegen.flight.analysis.trim import trim
 from gibbs_codegen.flight.desired.posture import authority_posture
 from gibbs_codegen.flight.record.series import Array
 from gibbs_codegen.flight.sweeps.sources import flown_module
-from gibbs_codegen.flight.viewer.machine import DrawnMachine
+from gibbs_codegen.flight.viewer.machine import DrawnMachine, joint_points, rotor_radius
 from gibbs_codegen.flight.viewer.page import ViewPage
 from gibbs_codegen.machine.base import RETURN
 from gibbs_codegen.machine.laws import LAWS
 from gibbs_codegen.robot.layout import Layout
-from gibbs_codegen.runtime.web import web_assembly, web_script
+from gibbs_codegen.runtime.web import web_files
 
 # What the page calls.
 FUNCTIONS = (
@@ -37,14 +36,16 @@ _OF_LEANING = ("centre_of_mass", "centre_of_mass_jacobian")
 # that need not, and of one that is held.
 _LEANING = ((100.0, 20.0), (4.0, 4.0), (64.0, 16.0))
 _FULL = ((36.0, 12.0), (9.0, 6.0), (36.0, 12.0))
-# How fast the reference follows what is dragged, 1/s, and how far joints and attitudes go, rad.
-_RATE, _TURN, _LEAN = 3.0, 2.6, 0.5
+# How fast the reference follows what is dragged, 1/s; how far joints and attitudes go, rad, and
+# under the regulator.
+_RATE, _TURN, _LEAN, _NEAR = 3.0, 2.6, 0.5, 0.1
 # What the regulator takes for the size of inputs that there are not.
 _NONE = 1e-2
 # Period of the law on the page, s.
 _PERIOD = 1e-3
-# Share of the mass below which a body has no slider; how many have one.
-_LIGHT, _SLIDERS = 0.01, 6
+# Share of the mass below which a body has no slider; how many have one, and how far it goes; the
+# share of the inputs' limits that balance may take.
+_LIGHT, _SLIDERS, _HEAVIEST, _ROOM = 0.01, 6, 4.0, 0.5
 
 
 def fly_html(robot: ModuleType | str | os.PathLike[str]) -> ViewPage:
@@ -69,15 +70,14 @@ def fly_html(robot: ModuleType | str | os.PathLike[str]) -> ViewPage:
         described = _described(machine, law)
         laws = [law] if law else []
         functions = [*FUNCTIONS, *(_OF_LEANING if law and LAWS[law].leans else ())]
-        assembly = web_assembly(module, functions, laws)
-        script = web_script(module, functions, laws).replace("export async", "async")
+        assembly, script = web_files(module, functions, laws)
         title, words = module.NAME, LAWS[law].title if law else "the regulator of lqr about hover"
         text = render(
             "fly.html.jinja",
             {
                 "title": title,
                 "law": f"{words[0].upper()}{words[1:]}, 1000 times a second.",
-                "script": script,
+                "script": script.replace("export async", "async"),
                 "robot": json.dumps(described, separators=(",", ":"), default=_plain),
                 "wasm": base64.b64encode(gzip.compress(assembly, 9, mtime=0)).decode(),
             },
@@ -102,9 +102,8 @@ def _described(machine: DrawnMachine, law: str | None) -> dict[str, Any]:
     units = np.array(vehicle.input_units)
     usual = {unit: 2.0 * float(np.abs(hover[units == unit]).max()) or 1.0 for unit in units}
     first = centre + 1 + rotors
-    moving = [*range(first, first + vehicle.joints)]
+    moving = joint_points(vehicle, first)[: vehicle.joints]
     links = [(a, k) for k, a in enumerate(machine.parents) if a >= 0]
-    wheels = [vehicle.points.index(name) for name in vehicle.wheel_points]
     return {
         "law": law,
         "u": inputs,
@@ -117,19 +116,18 @@ def _described(machine: DrawnMachine, law: str | None) -> dict[str, Any]:
         "lags": [vehicle.description("TIME_CONSTANTS").get(name, 0.0) for name in inputs],
         "rate": _RATE,
         "drive": layout.has_drive and _drive(layout),
-        "position": [("xyz".index(names[i]), i) for i in _range(layout.q.position, names)],
-        **_controls(machine, bool(law and LAWS[law].leans)),
+        "position": [("xyz".index(names[i]), i) for i in _places(layout.q.position, names)],
+        **_controls(machine, law, q),
         **_gains(machine, law),
         **held,
-        "masses": _masses(module),
+        "masses": _masses(machine, q),
         **_joints(machine, q, hover, 0.05 * weight * size),
         "frames": vehicle.frames,
         "centre": centre,
         "rods": [(a, k, moving.index(a) if a in moving else -1) for a, k in links],
         "moving": moving,
-        "rotors": [*range(centre + 1, first)],
-        **_rotors(machine, q, points, frames, size),
-        "wheels": [(k, 0, (0.0, 1.0, 0.0), points[k, 2] - floor) for k in wheels],
+        "rotors": rotors,
+        "discs": _discs(machine, q, points, frames, size, floor),
         "thrust": float(np.abs(hover[:rotors]).max(initial=1e-9)),
         "spring": 0.6 * weight / size,
         "size": size,
@@ -159,39 +157,55 @@ def _drive(layout: Layout) -> list[int]:
     ]
 
 
-def _range(places: slice, whole: Sequence[Any]) -> range:
-    return range(len(whole))[places]
-
-
-def _controls(machine: DrawnMachine, leans: bool) -> dict[str, Any]:
+def _controls(machine: DrawnMachine, law: str | None, q: Array) -> dict[str, Any]:
     """Sliders, and handles that are dragged: −1 for the base, and numbers of frames."""
     vehicle, layout = machine.vehicle, machine.vehicle.layout
-    names, q = layout.q.names, machine.coordinates(machine.start())
-    rates, places = _range(layout.v.joints, layout.v.names), _range(layout.q.joints, names)
+    names, leans = layout.q.names, bool(law and LAWS[law].leans)
+    rates, places = layout.v.joint_places, layout.q.joint_places
     sliders, arm = [], []
+    lean = 0.0 if leans else _lean(machine, q) if law else _NEAR
     driven = np.subtract(*machine.input_limits)[vehicle.rotors :] != 0.0
     ends_of = zip(*machine.joint_limits, driven, strict=False)
     for i, place, (low, high, moves) in zip(rates, places, ends_of, strict=True):
         if not moves:
             continue
-        room = _TURN if layout.q.units[place] == "rad" else 1.0
-        ends = max(low, -room), min(high, room)
+        middle, room = 0.0, _TURN if layout.q.units[place] == "rad" else 1.0
+        if law is None and room == _TURN:
+            middle, room = q[place], _NEAR
+        ends = max(low, middle - room), min(high, middle + room)
         arm.append((i, place, *ends))
         sliders.append((place, names[place], layout.q.units[place], *ends))
-    attitude = _range(layout.q.attitude, names)
+    attitude = _places(layout.q.attitude, names)
     if not leans and not layout.is_quaternion:
-        sliders += [(i, names[i], "rad", -_LEAN, _LEAN) for i in attitude]
+        sliders += [(i, names[i], "rad", -lean, lean) for i in attitude]
     levers = vehicle.frame_jacobians(q)[:, :3, layout.v.joints]
     moved = [k for k in range(1, len(levers)) if np.abs(levers[k]).max(initial=0.0) > 1e-6]
     tips = [k for k in moved if vehicle.frames[k] == "tip"] or moved
     return {
         "sliders": sliders,
         "turns": ([2] if leans else [0, 1, 2]) if layout.is_quaternion else [],
-        "most_turn": (_LEAN, _LEAN, _TURN),
+        "most_turn": (lean, lean, _TURN),
         "quaternion": attitude.start,
         "arm": arm,
-        "handles": [*[-1] * bool(_range(layout.q.position, names)), *tips[:2]],
+        "handles": [*[-1] * bool(layout.own_axes[0]), *tips[:2]],
     }
+
+
+def _lean(machine: DrawnMachine, q: Array) -> float:
+    """The greatest lean about all axes at once, rad, at which inputs within their limits hold."""
+    layout = machine.vehicle.layout
+    turns = 2 if layout.is_quaternion else len(layout.angle_axes)
+    lean, controls = _LEAN, machine.start()
+    for lean in np.arange(_LEAN, 0.0, -0.05):
+        for signs in product((-1.0, 1.0), repeat=turns):
+            controls[:turns] = lean * np.array(signs)
+            turned = machine.coordinates(controls)
+            turned[machine.vehicle.arm] = q[machine.vehicle.arm]
+            if machine.beyond(machine.hover(turned)):
+                break
+        else:
+            break
+    return lean
 
 
 def _gains(machine: DrawnMachine, law: str | None) -> dict[str, Any]:
@@ -215,14 +229,34 @@ def _regulator(machine: DrawnMachine) -> dict[str, Any]:
     return {"start": hover.q, "gain": gain}
 
 
-def _masses(module: ModuleType) -> list[tuple[str, list[int]]]:
-    """Bodies whose masses have a slider, the heaviest, with the places of masses and inertias."""
-    matches = {name: re.fullmatch(r"(.+)_mass(?:_per_length)?", name) for name in module.PARAMETERS}
-    found = {match[1]: module.PARAMETERS[name] for name, match in matches.items() if match}
-    chosen = sorted(found, key=lambda body: -found[body])[:_SLIDERS]
-    heavy = [x for x in found if x in chosen and found[x] > _LIGHT * sum(found.values())]
-    scaled = {body: re.compile(rf"{body}_(.+_)?(mass|inertia)") for body in heavy}
-    return [(body, [k for k, x in enumerate(matches) if scaled[body].match(x)]) for body in heavy]
+def _masses(machine: DrawnMachine, q: Array) -> list[tuple[str, list[int], float]]:
+    """Bodies whose masses have a slider, the heaviest: with the places of masses and inertias, and
+    the greatest factor with which inputs within their limits hold the robot.
+    """
+    values = machine.module.PARAMETERS
+    matches = {name: re.fullmatch(r"(.+)_mass(_per_length)?", name) for name in values}
+    found = {
+        match[1]: values[name] * (values.get(f"{match[1]}_length", 1.0) if match[2] else 1.0)
+        for name, match in matches.items()
+        if match
+    }
+    heavy = sorted(found, key=lambda body: -found[body])[:_SLIDERS]
+    sliders = []
+    for body in (x for x in found if x in heavy and found[x] > _LIGHT * sum(found.values())):
+        # The name of a body may begin that of another.
+        longer = [f"{x}_" for x in found if x.startswith(f"{body}_")]
+        scaled = [
+            name
+            for name in values
+            if re.match(rf"{body}_(.+_)?(mass|inertia)", name) and not name.startswith((*longer,))
+        ]
+        for most in np.arange(_HEAVIEST, 1.0, -0.25):
+            machine.set_parameters({name: most * values[name] for name in scaled})
+            if not machine.beyond(machine.hover(q) / _ROOM):
+                break
+        sliders.append((body, [k for k, name in enumerate(values) if name in scaled], most))
+    machine.set_parameters({})
+    return sliders
 
 
 def _joints(machine: DrawnMachine, q: Array, hover: Array, least: float) -> dict[str, Any]:
@@ -240,20 +274,26 @@ def _joints(machine: DrawnMachine, q: Array, hover: Array, least: float) -> dict
     return {"joints": joints, "effort": effort}
 
 
-def _rotors(
-    machine: DrawnMachine, q: Array, points: Array, frames: Array, size: float
-) -> dict[str, Any]:
-    """Discs of rotors: their radius, the frames that they move with, and directions in these."""
+def _discs(
+    machine: DrawnMachine, q: Array, points: Array, frames: Array, size: float, floor: float
+) -> list[tuple[int, int, Array, float]]:
+    """Discs of rotors, then of wheels: point, frame that they move with, axis in it, and radius."""
     vehicle, centre = machine.vehicle, machine.vehicle.points.index(machine.vehicle.centre)
     seats = np.arange(centre + 1, centre + 1 + vehicle.rotors)
     first = len(vehicle.points) - len(vehicle.frames)
     carriers = [centre, *(vehicle.carriers[first + k] for k in range(1, len(vehicle.frames)))]
     moved = [carriers.index(k) if k in carriers else 0 for k in vehicle.carriers[seats]]
-    directions = machine.directions(q)
-    spokes = np.linalg.norm(points[seats] - points[np.array(machine.parents)[seats]], axis=1)
-    radius = disc_radius(points[seats], directions, spokes) if len(seats) else 0.0
-    turned = [frames[f][:3, :3].T @ d for f, d in zip(moved, directions, strict=True)]
-    return {"carriers": moved, "directions": turned, "radius": min(radius, 0.4 * size)}
+    directions, wheels = machine.directions(q), map(vehicle.points.index, vehicle.wheel_points)
+    radius = rotor_radius(points, seats, directions, machine.parents, size)
+    rotors = zip(seats, moved, directions, strict=True)
+    return [
+        *((int(k), f, frames[f][:3, :3].T @ d, radius) for k, f, d in rotors),
+        *((k, 0, np.eye(3)[1], points[k, 2] - floor) for k in wheels),
+    ]
+
+
+def _places(places: slice, whole: tuple[str, ...]) -> range:
+    return range(len(whole))[places]
 
 
 def _plain(value: Any) -> Any:

@@ -224,6 +224,25 @@ def changed(new: Array, old: Array) -> NDArray[np.bool_]:
     return np.abs(new - old) > _ZERO * size
 
 
+def joint_points(robot: Flight | Vehicle, first: int) -> list[int]:
+    """Numbers of the points of joints and wheels with coordinates; `first` follows the rotors."""
+    q, points, found = robot.layout.q, robot.points, []
+    for k, name in enumerate((*q.names[q.joints], *q.names[q.angles]), start=first):
+        # Joints that gears move may be between, and coordinates have names of their own.
+        named = f"joint_{name}", f"joint{name.rpartition('_')[2]}"
+        found.append(next((points.index(x) for x in named if x in points), k))
+    return found
+
+
+def rotor_radius(
+    places: Array, rotors: Indices, directions: Array, parents: Sequence[int], reach: float
+) -> float:
+    """Radius of discs about some of a robot's points, `places` (k, 3), which reach so far, m."""
+    spokes = places[rotors] - places[np.asarray(parents)[rotors]]
+    radius = disc_radius(places[rotors], directions, np.linalg.norm(spokes, axis=1))
+    return min(radius, _LARGEST_DISC * reach)
+
+
 class MachineScene:
     """Nodes of a robot, under a root node, which are put wherever its points are.
 
@@ -256,12 +275,7 @@ class MachineScene:
     ) -> None:
         centre, joints = robot.points.index(robot.centre), len(robot.layout.effort_units)
         first = centre + 1 + len(directions)
-        self._rotors, q = np.arange(centre + 1, first), robot.layout.q
-        moving = []
-        for k, name in enumerate((*q.names[q.joints], *q.names[q.angles]), start=first):
-            # Joints that gears move may be between, and coordinates have names of their own.
-            named = f"joint_{name}", f"joint{name.rpartition('_')[2]}"
-            moving.append(next((robot.points.index(x) for x in named if x in robot.points), k))
+        self._rotors, moving = np.arange(centre + 1, first), joint_points(robot, first)
         self._joints, self._pushed = [centre, *moving], pushed
         rods = [(parent, point) for point, parent in enumerate(parents) if parent >= 0]
         self._rods = np.array(rods, dtype=np.int_).reshape(-1, 2)
@@ -272,9 +286,7 @@ class MachineScene:
         around = positions - positions[..., [centre], :]
         reach = float(np.nanmax(np.linalg.norm(around, axis=-1))) or 1.0
         places = positions.reshape(-1, *positions.shape[-2:])[0]
-        spokes = places[self._rotors] - places[np.asarray(parents)[self._rotors]]
-        radius = disc_radius(places[self._rotors], directions, np.linalg.norm(spokes, axis=1))
-        self.radius = min(radius, _LARGEST_DISC * reach)
+        self.radius = rotor_radius(places, self._rotors, directions, parents, reach)
         self.size = reach + self.radius
         self.units = [*robot.layout.effort_units, *["N m"] * arms]
         self.thrust, self.force, self.efforts = 0.0, 0.0, dict.fromkeys(self.units, 0.0)

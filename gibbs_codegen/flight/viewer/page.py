@@ -13,8 +13,8 @@ from typing import Any
 
 import rich
 
-from gibbs_codegen.errors import UsageError, require
-from gibbs_codegen.files.staging import staging_folder, writing
+from gibbs_codegen.errors import UsageError, printable, require
+from gibbs_codegen.files.staging import check_new, staging_folder, writing
 
 # How large a page may be, bytes: less than the 2 MB that are promised.
 _ROOM = 1_900_000
@@ -65,6 +65,19 @@ class ViewPage:
             f'width="100%" height="{_HEIGHT}" loading="lazy" '
             'style="border: 1px solid #ddd; box-sizing: border-box"></iframe>'
         )
+
+
+def new_page(word: str) -> Path:
+    """The place of a page that --html names. Raises, before long work, where none can be written.
+
+    Raises `UsageError` for another suffix or a file that exists, and `OutputError` as `beside`.
+    """
+    place = Path(word)
+    if place.suffix.lower() not in (".html", ".htm"):
+        raise UsageError(f"--html: {printable(place)}: give a name that ends in .html")
+    check_new(place)
+    with beside(place):
+        return place
 
 
 @contextmanager
