@@ -85,7 +85,7 @@ def write_paper(
             "fig_02": lambda: chains_figure(robot),
             "fig_06": lambda: coupling_figure(robot),
             "fig_07_to_09": lambda: hybrid_pattern_figure(robot),
-            "fig_10": lambda: curves.coordinates(flight),
+            "fig_10": lambda: curves.coordinates(flight, "ACD"),
             "fig_10_residuals": lambda: residual_figure(flight, errors, off),
             "fig_11": lambda: snapshots(flight),
         }
@@ -112,43 +112,44 @@ def desired_paths(t: Array) -> tuple[Array, Array]:
 def path_errors(flight: Flight) -> dict[str, Array]:
     """How far (s) base centre and tip are off eqs. 20 and 21, m, and the attitude off its rule.
 
-    Base arm 2 is along the path, and the base normal as near to the vertical as that allows.
+    Base arm 2 is along the path, and the base normal as near to the vertical as that allows: these
+    are lengths of differences of unit vectors.
     """
     x, y, z = np.moveaxis(desired_paths(flight.time)[0], -1, 0)
-    tangent = np.stack([-0.05 * x - y, -0.05 * y + x, 0.1 * z], axis=-1)
-    tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
+    tangent = _unit(np.stack([-0.05 * x - y, -0.05 * y + x, 0.1 * z], axis=-1))
+    wanted = *desired_paths(flight.time), tangent, _unit((0.0, 0.0, 1.0) - tangent[:, 2:] * tangent)
     centre, tip = flight.point("O2"), flight.point("tip")
-    arm = flight.point("motor2") - centre
-    across = np.cross(tangent, arm / np.linalg.norm(arm, axis=-1, keepdims=True))
-    aside = np.cross(tangent, (0.0, 0.0, 1.0))
-    normal = flight.base_rotation[:, :, 2]
-    places = zip((centre, tip), desired_paths(flight.time), strict=True)
-    off = [np.linalg.norm(place - wanted, axis=-1) for place, wanted in places]
-    leaning = np.abs(np.sum(normal * aside, axis=-1)) / np.linalg.norm(aside, axis=-1)
-    names = "base centre", "tip", "base arm 2", "base normal"
-    return dict(zip(names, (*off, np.linalg.norm(across, axis=-1), leaning), strict=True))
+    found = centre, tip, _unit(flight.point("motor2") - centre), flight.base_rotation[:, :, 2]
+    off = [np.linalg.norm(x - y, axis=-1) for x, y in zip(found, wanted, strict=True)]
+    return dict(zip(("base centre", "tip", "base arm 2", "base normal"), off, strict=True))
+
+
+def _unit(vectors: Array) -> Array:
+    """Vectors (s, 3) with length 1."""
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 def base_arm_angles_off(module: ModuleType, flight: Flight) -> Array:
-    """How far (s, N-1) θ₂ … θ_N turn by their accelerations in eq. 18, rad, from rest."""
+    """How far (s, N-1) the flown torques turn loose arms 2 … N in eq. 18, rad, from rest."""
+    matrix, held = module.hybrid_mass_matrix(flight.q), _constrained(module)
+    above = matrix.shape[1] - len(held)
     right = module.hybrid_residual(flight.q, flight.v)
     right = right + np.einsum("sij,sj->si", module.hybrid_input_matrix(flight.q), flight.applied)
-    solved = np.linalg.solve(module.hybrid_mass_matrix(flight.q), right[..., None])[..., 0]
-    accelerations = solved[:, _constrained(module)]
+    right -= np.einsum("sij,sj->si", matrix[:, :, above:], flight.constraint_torques)
+    solved = np.linalg.solve(matrix[:, :above, :above], right[:, :above, None])[..., 0]
     steps = np.diff(flight.time)[:, None]
 
     def integrated(rates: Array) -> Array:
         means = (rates[1:] + rates[:-1]) / 2.0
         return np.concatenate([np.zeros_like(rates[:1]), np.cumsum(steps * means, axis=0)])
 
-    return integrated(integrated(accelerations))
+    return integrated(integrated(solved[:, held]))
 
 
 def _constrained(module: ModuleType) -> list[int]:
     """Places of θ₂ … θ_N among the unknowns of the hybrid system."""
-    free, held = {*module.COORDINATES}, len(module.HYBRID_COORDINATES)
-    names = module.HYBRID_COORDINATES[: (held + len(module.COORDINATES)) // 2]
-    return [place for place, name in enumerate(names) if name not in free]
+    held = [k for k, x in enumerate(module.HYBRID_COORDINATES) if x not in module.COORDINATES]
+    return held[: len(held) // 2]  # Their torques follow.
 
 
 def residuals(
@@ -171,21 +172,22 @@ def residuals(
     ahead, behind = (module.positions(flight.q[::100, None] + s * ways) for s in (1.0, -1.0))
     moved = (ahead - behind)[:, :, module.POINTS.index("tip")].swapaxes(1, 2) / (2.0 * _STEP)
     jacobian = module.frame_jacobians(flight.q[::100])[:, module.FRAMES.index("tip"), :3]
-    angles = slice(0, 6)
     apart, size = np.abs(flight.errors), np.abs(flight.q_desired)
     reach, forces = np.abs(flight.tip_desired).max(), np.abs(acting).max()
+    places = np.maximum(errors["base centre"], errors["tip"])
     rows = [
-        ("Eq. 18, solved by the reduced functions", "N, N m", left, forces),
+        ("Eq. 18 against the module's reduced functions", "N, N m", left, forces),
         ("Eq. 18 against Newton and Euler, body by body", "N, N m", balance, forces),
         ("Fig. 3: Jacobian of the tip against differences", "m", jacobian - moved, reach),
-        ("Eq. 20: place of the base centre", "m", errors["base centre"], reach),
-        ("Eq. 21: place of the tip", "m", errors["tip"], reach),
-        ("Base arm 2 along the path", "rad", errors["base arm 2"], 1),
-        ("Base normal as near to Z as that allows", "rad", errors["base normal"], 1),
-        ("Fig. 10 A, C: free angles", "rad", apart[:, angles], size[:, angles].max()),
-        ("Fig. 10 B: constrained angles", "rad", off, np.pi),
-        ("Fig. 10 D: place of O₁", "m", apart[:, 6:], size[:, 6:].max()),
-        ("Energy less work of the inputs", "J", flight.energy_error, np.abs(flight.work).max()),
+        ("Place of the base centre against eq. 20", "m", errors["base centre"], reach),
+        ("Place of the tip against eq. 21", "m", errors["tip"], reach),
+        ("Base arm 2 against the tangent of eq. 20", "rad", errors["base arm 2"], 1),
+        ("Base normal against Z less its part along the path", "rad", errors["base normal"], 1),
+        ("Fig. 10 A, C: free angles against desired ones", "rad", apart[:, :6], size[:, :6].max()),
+        ("Fig. 10 B: arms on flown torques against held arms", "rad", off, np.pi),
+        ("Fig. 10 D: place of O₁ against the desired one", "m", apart[:, 6:], size[:, 6:].max()),
+        ("Fig. 11: both places against eqs. 20 and 21", "m", places[_instants(flight)], reach),
+        ("Energy against work of the inputs", "J", flight.energy_error, np.abs(flight.work).max()),
     ]
     return [Residual(what, unit, float(np.abs(x).max()), float(s)) for what, unit, x, s in rows]
 
@@ -208,6 +210,11 @@ def residual_figure(flight: Flight, errors: dict[str, Array], off: Array) -> Fig
         return curves.finished(figure, flight)
 
 
+def _instants(flight: Flight) -> list[int]:
+    """Samples at the instants of Fig. 11."""
+    return samples_at(flight, np.linspace(flight.time[0], flight.time[-1], INSTANTS))
+
+
 def _rod(body: Rod) -> str:
     """Length and mass of a rod, as the robot file has them."""
     return f"{body.length:g} m, {body.mass_per_length or 0:g} kg/m"
@@ -217,14 +224,14 @@ def context(
     robot: Robot, flight: Flight, errors: dict[str, Array], found: list[Residual]
 ) -> dict[str, object]:
     """What the template of the page is given."""
-    every = [robot.base.arm(k) for k in range(1, robot.rotors + 1)], [x.body for x in robot.links]
-    arms, links = ([body for body in bodies if isinstance(body, Rod)] for bodies in every)
+    arms = [robot.base.arm(k) for k in range(1, robot.rotors + 1)]
+    links = [link.body for link in robot.links if isinstance(link.body, Rod)]
     rods = {tuple(rod.section_inertia) for rod in (*arms, *links) if rod.total_mass > 0.0}
-    samples = samples_at(flight, np.linspace(flight.time[0], flight.time[-1], INSTANTS))
     equations = [
         as_markdown(replace(chain_equation(robot, chain, 15), lines=(), closed=True))
         for chain in (robot.rotors - 1, robot.rotors)
     ]
+    samples = _instants(flight)
     instants = zip(*(x[samples] for x in (flight.time, *list(errors.values())[:2])), strict=True)
     return {
         "base": "; ".join(dict.fromkeys(_rod(arm) for arm in arms)),
@@ -233,6 +240,6 @@ def context(
         "sections": "; ".join(", ".join(f"{1e8 * x:.4g}" for x in rod) for rod in sorted(rods)),
         "five": equations[0].partition("**Symbols**")[0].partition("\n")[2].strip(),
         "six": equations[1].partition("**Symbols**")[0].partition("\n")[2].strip(),
-        "residuals": [(r.what, r.text, f"{r.digits:.1f}") for r in found],
+        "residuals": [(*r.what.split(" against "), r.text, f"{r.digits:.1f}") for r in found],
         "instants": [(f"{t:.2f}", f"{base:.1e}", f"{tip:.1e}") for t, base, tip in instants],
     }

@@ -20,10 +20,12 @@ from gibbs_codegen.derivation.hybrid import Filling, filled_entries
 from gibbs_codegen.equations.chain_names import hybrid_names
 from gibbs_codegen.equations.show import chain_equation
 from gibbs_codegen.equations.typeset import TEXT, Writer, accelerated
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures.appearance import VIEW, seen_from
 from gibbs_codegen.figures.coupling import chain_colour
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.chains import coupling_map, decompose
+from gibbs_codegen.robot.description import constrained_coordinate
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.targets.printers import InfixPrinter
@@ -120,11 +122,16 @@ def hybrid_equation(robot_name: str = "hexarotor_3link") -> str:
     """The hybrid system of a robot of the paper as its arrays, whose entries can be touched.
 
     An entry shows the chains and links that make it, its expression, and its value while the robot
-    moves by this system.
+    moves by this system. Raises `UsageError` for a robot without six rotors, which cannot follow
+    a path of all its coordinates.
     """
     robot, _ = read_robot(robot_name)
     model = derive(robot)
     description, names = model.description, hybrid_names(robot)
+    if len(description.inputs) != len(description.coordinates):
+        raise UsageError(
+            f"{robot_name}: the drawing needs as many inputs as free coordinates, so six rotors"
+        )
     unknowns = [accelerated(names[c.name]).text for c in description.hybrid_coordinates]
     acting = [names[c.name].text for c in description.inputs]
     filled = filled_entries(robot)
@@ -133,8 +140,8 @@ def hybrid_equation(robot_name: str = "hexarotor_3link") -> str:
         _array(letter, entries, rows, columns)
         for letter, entries, rows, columns in (
             ("I", filled.matrix, unknowns, unknowns),
-            ("R", filled.residual, ["" for _ in unknowns], [""]),
-            ("B", filled.inputs, ["" for _ in unknowns], acting),
+            ("R", filled.residual, unknowns, [""]),
+            ("B", filled.inputs, unknowns, acting),
         )
     )
     points = list(model.lists["POINTS"])
@@ -145,6 +152,7 @@ def hybrid_equation(robot_name: str = "hexarotor_3link") -> str:
         "letters": letters,
         "unknowns": unknowns,
         "acting": acting,
+        "thrusts": robot.rotors,
         "units": [c.unit for c in description.hybrid_coordinates],
         "free": [description.hybrid_coordinates.index(c) for c in description.coordinates],
         "arms": arms,
@@ -175,9 +183,11 @@ def hybrid_equation(robot_name: str = "hexarotor_3link") -> str:
 
 def _array(letter: str, entries: Filling, rows: Sequence[str], columns: Sequence[str]) -> str:
     """An array as a grid of cells in the colours of the chains that add to them."""
-    lines = ["<span></span>" * any(rows) + "".join(f"<span>{_set(x)}</span>" for x in columns)]
+    # Beside I_H the rows of the others have their names already.
+    aside = ' class="aside"' * (letter != "I")
+    lines = [f"<span{aside}></span>" + "".join(f"<span>{_set(x)}</span>" for x in columns)]
     for i, (row, name) in enumerate(zip(entries, rows, strict=True)):
-        cells = [f"<span>{_set(name)}</span>" * any(rows)]
+        cells = [f"<span{aside}>{_set(name)}</span>"]
         for k, chains in enumerate(row):
             colours = [chain_colour(j) for j in chains]
             stops = [
@@ -227,6 +237,12 @@ def _parts_of_entries(robot: Robot, inputs: Sequence[str]) -> tuple[Parts, list[
             entry = [number, name, write.line(value), sorted(arms)]
             parts.setdefault(key, []).append(entry)
 
+        # The border: the joint that is held, and its torque.
+        for torque, arm in zip(where[len(equation.matrix) :], chain.constrained, strict=True):
+            item = chain.coordinates.index(constrained_coordinate(robot, arm).name)
+            zeta = f"ζ_{{{chain.number},{item + 1}}}"
+            add(f"I {where[item]} {torque}", f"-{zeta}", sp.Integer(-1))
+            add(f"I {torque} {where[item]}", f"{zeta}", sp.Integer(1))
         for i, row in enumerate(equation.matrix):
             for k, symbol in enumerate(row[: i + 1]):
                 if symbol != 0:

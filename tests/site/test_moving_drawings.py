@@ -16,9 +16,11 @@ from moving import hybrid_equation
 from support.browser import visit
 from support.notebook_cells import run_cells
 
-from gibbs_codegen import generate, load
+from gibbs_codegen import UsageError, generate, load
 from gibbs_codegen.robot.chains import decompose
+from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.text import robot_text
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -197,15 +199,13 @@ def test_entries_of_the_hybrid_system_are_what_a_touch_says(tmp_path: Path) -> N
         q, v = (np.array(json.loads(figure.get_attribute(f"data-{x}"))) for x in "qv")
         arrays = {"I": module.hybrid_mass_matrix(q), "B": module.hybrid_input_matrix(q)}
         arrays["R"] = module.hybrid_residual(q, v)[:, np.newaxis]
-        heavier = {
-            name: abs(
-                module.hybrid_mass_matrix(
-                    q, constants=module.prepare({f"{name}_mass_per_length": 2})
-                )
-                - arrays["I"]
-            )
-            for name in ("base_arm", "link2", "link3")
-        }
+        heavier = {}
+        for name in ("base_arm", "link2", "link3"):
+            constants = module.prepare({f"{name}_mass_per_length": 2})
+            matrix = module.hybrid_mass_matrix(q, constants=constants)
+            residual = module.hybrid_residual(q, v, constants=constants)[:, np.newaxis]
+            heavier[name] = {"I": abs(matrix - arrays["I"]), "R": abs(residual - arrays["R"])}
+        postures = [dict(zip(module.COORDINATES, x, strict=True)) for x in (q, v)]
         for cell in seen.page.locator("[data-at]").all():
             cell.evaluate("one => one.click()")
             letter, row, column = str(cell.get_attribute("data-at")).split(" ")
@@ -214,25 +214,106 @@ def test_entries_of_the_hybrid_system_are_what_a_touch_says(tmp_path: Path) -> N
             said = seen.page.locator(".terms p").evaluate_all(
                 "all => all.map(one => one.innerHTML)"
             )
-            if letter == "R" or not said:
-                continue
-            terms = sum(
-                in_numbers(text, dict(zip(module.COORDINATES, q, strict=True))) for text in said
-            )
+            shown = str(seen.page.locator(".value").text_content()).replace("−", "-").split()
+            assert np.isclose(float(shown[1]), value, rtol=1e-4, atol=1e-11)
+            assert " ".join(shown[2:]) == unit(letter, int(row), int(column))
+            assert said, (letter, row, column)
+            terms = sum(in_numbers(text, *postures) for text in said)
             assert np.isclose(terms, value, atol=1e-9), (letter, row, column)
-            if letter == "I":
+            coloured = {
+                k
+                for k in range(1, 10)
+                if seen.page.locator(f".arm-{k}").get_attribute("stroke-width") == "4"
+            }
+            if letter == "B":
+                assert coloured == {int(column) + 1}
+                kind = "rotor" if int(column) < 6 else "joint"
+                assert all(f", {kind} of arm {int(column) + 1}:" in text for text in said)
+            elif max(int(row), int(column)) >= 14:  # The border: the arm that is held.
+                assert coloured == {min(int(row), int(column)) - 1}
+            else:
                 heads = [re.split("arms? ", text.partition(": ")[0])[1] for text in said]
                 arms = {int(k) for head in heads for k in re.findall(r"\d+", head)}
                 for name, own in (("base_arm", {*range(1, 7)}), ("link2", {8}), ("link3", {9})):
-                    changes = heavier[name][int(row), int(column)] > 1e-9
+                    changes = heavier[name][letter][int(row), int(column)] > 1e-9
                     assert changes == bool(arms & own), (letter, row, column, name)
+                assert coloured == arms
         # It follows the motion that is asked for.
         assert np.isclose(q[3], 0.4 + 0.8 * np.sin(0.6 * 3.1), atol=5e-3)
         assert (seen.foreign, seen.faults) == ([], [])
 
 
-def in_numbers(said: str, q: dict[str, float]) -> float:
-    """The value of an expression as it stands on the page, of the paper's robot in a posture."""
+def test_every_entry_is_reached_by_the_keyboard(tmp_path: Path) -> None:
+    """Tab leads into each array, and arrows lead to all its entries."""
+    with open_page(hybrid_equation(), tmp_path) as seen:
+        stood_still(seen)
+        at, places = "document.activeElement.dataset.at ?? ''", []
+        for _ in range(5):
+            seen.page.keyboard.press("Tab")
+            places.append(str(seen.page.evaluate(at)))
+        assert [place[:1] for place in places] == ["", "I", "R", "B", ""]
+        for place in places[1:4]:
+            reached, waiting = set(), [place]
+            while waiting:
+                reached.add(here := waiting.pop())
+                found = seen.page.evaluate(FOUR_WAYS, here)
+                waiting += [x for x in {*found} - reached if x not in waiting]
+            cells = seen.page.locator(f'[data-at^="{place[0]}"]').count()
+            assert len(reached) == cells
+            seen.page.keyboard.press("Tab")
+            seen.page.keyboard.press("Shift+Tab")
+            assert str(seen.page.evaluate(at))[0] == place[0]
+
+
+FOUR_WAYS = """place => ["Left", "Right", "Up", "Down"].map(way => {
+  const cell = document.querySelector(`[data-at="${place}"]`);
+  cell.focus();
+  cell.dispatchEvent(new KeyboardEvent("keydown", {key: "Arrow" + way, bubbles: true}));
+  return document.activeElement.dataset.at;
+})"""
+
+
+def test_other_robots_move_or_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="quadrotor_2link: the drawing needs as many inputs as"):
+        hybrid_equation("quadrotor_2link")
+    path = tmp_path / "short.toml"
+    path.write_text(robot_text(paper_family(6, 2), "short"), encoding="utf-8")
+    with open_page(hybrid_equation(str(path)), tmp_path) as seen:
+        figure = stood_still(seen)
+        figure.evaluate("one => one.advance(2)")
+        q = np.array(json.loads(str(figure.get_attribute("data-q"))))
+        assert q.shape == (8,)
+        assert np.isclose(q[3], 0.4 + 0.8 * np.sin(0.6 * 2.0), atol=5e-3)
+        assert np.isclose(q[7], 0.3 * np.sin(0.6 * 2.0), atol=5e-3)
+        assert "θ̈6, column of ẍ" in str(seen.page.locator(".entry").text_content())
+        assert (seen.foreign, seen.faults) == ([], [])
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_rows_are_named_and_cells_are_large_on_a_phone(tmp_path: Path, width: int) -> None:
+    with open_page(hybrid_equation(), tmp_path, width) as seen:
+        page = seen.page
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        box = page.locator('[data-at^="B"]').first.bounding_box()
+        assert box is not None
+        assert box["width"] >= 21.0 + 3.0 * (width == 390)
+        names = page.locator("[aria-label=B_H] [role=row] > span:first-child")
+        assert names.last.is_visible() == (width == 390)
+        assert names.last.text_content() == "τ'6"
+
+
+def unit(letter: str, row: int, column: int) -> str:
+    """The unit of an entry: rows 11 to 13 are forces, and 14 to 18 numbers."""
+    turns = [k not in (11, 12, 13) for k in (row, column)]
+    if letter == "R":
+        return "N m" if turns[0] else "N"
+    if letter == "B":
+        return "N m for each N" if turns[0] and column < 6 else ""
+    return "" if max(row, column) > 13 else ("kg", "kg m", "kg m²")[sum(turns)]
+
+
+def in_numbers(said: str, q: dict[str, float], v: dict[str, float]) -> float:
+    """The value of an expression as it stands on the page, of the paper's robot in motion."""
     robot = read_robot("hexarotor_3link")[0]
     number = int(re.findall(r"chain (\d)", said)[0])
     coordinates = decompose(robot)[number - 1].coordinates
@@ -244,19 +325,21 @@ def in_numbers(said: str, q: dict[str, float]) -> float:
             names = [coordinates[int(k) - 1] for k in index.split(",")[1].split("+")]
             held = np.deg2rad(float(robot.base.arm_angle_deg(min(number + 1, 6))))
             return {"s": np.sin, "c": np.cos}[letter](sum(q.get(x, held) for x in names))
+        if letter == "θ̇":
+            return v.get(coordinates[int(index.split(",")[1]) - 1], 0.0)
         if letter == "B3":
             return float(section[index.split(",")[1]])
         lengths = {"l": 0.5 if index == "1" else 3.0, "μ": 1.0}
         return lengths.get(letter) or defined[f"{letter}<sub>{index}</sub>"]
 
     def value(text: str) -> float:
-        known: dict[str, float] = {}
+        known: dict[str, float] = {"g": 9.81}
 
         def named(symbol: re.Match[str]) -> str:
             known[f"x{len(known)}"] = meant(*symbol.groups())
             return f"x{len(known) - 1}"
 
-        plain = re.sub(r"(\w+)<sub>([^<]*)</sub>", named, text)
+        plain = re.sub(r"(\w\u0307?\w*)<sub>([^<]*)</sub>", named, text)
         for mark, sign in zip("·−²³", ("*", "-", "**2", "**3"), strict=True):
             plain = plain.replace(mark, sign)
         return float(sp.sympify(plain, locals=known))

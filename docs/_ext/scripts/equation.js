@@ -1,9 +1,12 @@
 // The hybrid system I_H x = R_H + B_H u moves the robot, and its entries are what the arrays show.
 const size = known.unknowns.length, held = known.unknowns.map((_, i) => i).filter(i => !known.free.includes(i));
 const torques = held.slice(held.length / 2), above = size - torques.length;
-let q = [0, 0, 0, 0.4, -0.4, -2.1, 0, 0, 0], v, time = 0, chosen = "I 7 11";
+// Values of attitude and joints, and those of further joints and of the position.
+const by = (values, further) => known.free.map((_, i) => (i < known.free.length - 3 ? values[i] : undefined) ?? further(i));
+let q = by([0, 0, 0, 0.4, -0.4, -2.1], () => 0), v, time = 0;
+let chosen = `I ${held[torques.length - 1]} ${known.free.at(-3)}`;
 // The motion that is asked for: at any time its posture, velocities and accelerations.
-const swing = [0.15, 0.15, 0.3, 0.8, 0.3, 0.5, 0.3, 0.3, 0.3], pace = [0.9, 0.7, 0.5, 0.6, 0.8, 1.1, 0.5, 0.6, 0.7];
+const swing = by([0.15, 0.15, 0.3, 0.8, 0.3, 0.5], () => 0.3), pace = by([0.9, 0.7, 0.5, 0.6, 0.8, 1.1], i => 0.5 + 0.1 * (i % 3));
 const start = q, asked = t => [
   start.map((x, i) => x + swing[i] * Math.sin(pace[i] * t)),
   start.map((_, i) => swing[i] * pace[i] * Math.cos(pace[i] * t)),
@@ -33,31 +36,34 @@ const list = names => names.length < 2 ? `arm ${names}` : `arms ${names.slice(0,
 const unitOf = (letter, row, column) => {
   const turns = [known.units[row] !== "m", known.units[column] !== "m"];
   if (letter === "I") return turns[0] && turns[1] ? "kg m²" : turns[0] || turns[1] ? "kg m" : "kg";
-  return letter === "R" ? turns[0] ? "N m" : "N" : turns[0] && column < known.arms.length - 3 ? "N m for each N" : "";
+  return letter === "R" ? turns[0] ? "N m" : "N" : turns[0] && column < known.thrusts ? "N m for each N" : "";
 };
+const onEdge = key => key[0] === "I" && key.split(" ").some(place => place >= above);
+const cells = [...figure.querySelectorAll("[data-at]")];
+// The cell of each array to which the tabulator leads.
+const stops = Object.fromEntries(["R", "B"].map(letter => [letter, cells.find(cell => cell.dataset.at[0] === letter).dataset.at]));
 let unit = "";
 const choose = key => {
   const [letter, row, column] = key.split(" ").map((x, k) => k ? +x : x);
   const made = known.parts[key] ?? known.parts[`${letter} ${column} ${row}`] ?? [];
   const name = index(known.unknowns[row]), other = index(letter === "B" ? known.acting[column] : known.unknowns[column]);
-  chosen = key;
-  figure.querySelectorAll("[data-at]").forEach(cell => {
-    const here = cell.dataset.at === key;
-    cell.setAttribute("aria-selected", here);
-    cell.tabIndex = here ? 0 : -1;
+  chosen = stops[letter] = key;
+  cells.forEach(cell => {
+    cell.setAttribute("aria-selected", cell.dataset.at === key);
+    cell.tabIndex = Object.values(stops).includes(cell.dataset.at) ? 0 : -1;
   });
-  const edge = !made.length, torque = Math.max(row, column);
+  const edge = onEdge(key), torque = Math.max(row, column);
   unit = edge ? "" : unitOf(letter, row, column);
   part("entry").innerHTML = edge ? `<b>I<sub>H</sub></b>, row of ${name}, column of ${other}: ${row < column ?
     "the constraint torque acts in the row of the joint that it holds" : "the joint that is held does not accelerate (eq. 14)"}` :
     letter === "I" ? `<b>I<sub>H</sub></b>, row of ${name}, column of ${other}: what ${other} = 1 needs in the row of ${name}` :
     letter === "R" ? `<b>R<sub>H</sub></b>, row of ${name}: rates and weight` :
-    `<b>B<sub>H</sub></b>, row of ${name}, column of ${other}: what 1 ${column < known.arms.length - 3 ? "N" : "N m"} of ${other} does there`;
+    `<b>B<sub>H</sub></b>, row of ${name}, column of ${other}: what 1 ${column < known.thrusts ? "N" : "N m"} of ${other} does there`;
   part("terms").innerHTML = made.map(([chain, item, text, arms]) => {
     const letters = Object.entries(known.letters[chain - 1]).filter(([name]) => text.includes(name));
     const where = letters.map(([name, value]) => `${index(name)} = ${index(value)}`).join(", ");
     return `<p style="margin:.3em 0"><b style="color:${known.colours[chain - 1]}">chain ${chain}</b>${arms.length ?
-      `, mass of ${list(arms)}` : ""}: ${letter === "B" ? "" : `${index(item)} = `}${index(text)}${where ? `, with ${where}` : ""}</p>`;
+      `, mass of ${list(arms)}` : letter !== "B" ? "" : `, ${column < known.thrusts ? "rotor" : "joint"} of arm ${column + 1}`}: ${letter === "B" ? "" : `${index(item)} = `}${index(text)}${where ? `, with ${where}` : ""}</p>`;
   }).join("");
   const coloured = {};
   made.forEach(([chain, , , arms]) => arms.forEach(arm => { coloured[arm] = known.colours[chain - 1]; }));
@@ -75,21 +81,23 @@ const draw = () => {
   Object.assign(figure.dataset, {q: JSON.stringify(q), v: JSON.stringify(v), value});
   write("value", `now ${Math.abs(value) < 1e-12 ? 0 : value.toPrecision(5)} ${unit}`);
 };
-const cells = [...figure.querySelectorAll("[data-at]")];
 cells.forEach(cell => {
   const [letter, row, column] = cell.dataset.at.split(" ");
   cell.ariaLabel = `row ${known.unknowns[row]}, column ${letter === "R" ? "R" : letter === "B" ? known.acting[column] : known.unknowns[column]}`;
-  if (letter === "I" && !known.parts[cell.dataset.at] && !known.parts[`I ${column} ${row}`]) cell.textContent = +row < +column ? "−1" : "1";
+  if (onEdge(cell.dataset.at)) cell.textContent = +row < +column ? "−1" : "1";
   ["click", "focus"].forEach(event => cell.addEventListener(event, () => choose(cell.dataset.at)));
   cell.addEventListener("keydown", event => {
     const way = {ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowUp: [-1, 0], ArrowDown: [1, 0]}[event.key];
     if (!way) return;
     event.preventDefault();
-    // The next entry that way which is not blank.
-    for (let k = 1; k < size; k++) {
-      const next = cells.find(one => one.dataset.at === `${letter} ${+row + k * way[0]} ${+column + k * way[1]}`);
-      if (next) return next.focus();
-    }
+    // The nearest entry that way, in the same line if there is one.
+    const far = cells.map(one => {
+      const [other, i, k] = one.dataset.at.split(" "), down = i - row, right = k - column;
+      const along = down * way[0] + right * way[1], across = Math.abs(down * way[1] + right * way[0]);
+      return other === letter && along > 0 ? along + size * across : Infinity;
+    });
+    const least = Math.min(...far);
+    if (least < Infinity) cells[far.indexOf(least)].focus();
   });
 });
 choose(chosen);

@@ -213,12 +213,12 @@ def finished(figure: Figure, flight: Flight) -> Figure:
 _Panel = list[Curves]
 
 
-def coordinates(flight: Flight) -> Figure:
+def coordinates(flight: Flight, letters: str = string.ascii_uppercase) -> Figure:
     """Draw the paper's Fig. 10: every coordinate, actual and desired, over time in s.
 
-    Panels, A and so on: attitude angles, deg, or the quaternion, and the same as roll, pitch and
-    yaw, deg; joints of the arm, revolute ones in deg, prismatic ones in m in a panel of their own;
-    position of O₁, of the base centre or of the base's frame, whichever the coordinates are of, m,
+    Panels, with `letters` in their order: attitude angles, deg, or the quaternion, and the same as
+    roll, pitch and yaw, deg; joints of the arm, revolute ones in deg, prismatic ones in m in a
+    panel of their own; position of O₁, of the base centre or of the base's frame, whichever the coordinates are of, m,
     or the travel of a base that does not move freely, from its place.
     Constrained angles of base arms 2 … N, deg, have a panel only if they drift, which takes a
     system that was integrated with them; in flights of `simulate` they cannot. Attitudes and joints
@@ -232,7 +232,7 @@ def coordinates(flight: Flight) -> Figure:
     with style():
         figure = new_figure(FULL, 0.3 + sum(heights))
         grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
-        begin, letters = 0, iter(string.ascii_uppercase)
+        begin, titles = 0, iter(letters)
         for pair, row in zip(pairs, rows, strict=True):
             end = begin + len(row)
             for column, parts in enumerate(pair):
@@ -240,7 +240,7 @@ def coordinates(flight: Flight) -> Figure:
                 columns = column if len(pair) == 2 else slice(None)
                 places: Sequence[Any] = range(begin, end) if parts[1:] else [slice(begin, end)]
                 group = [figure.add_subplot(grid[place, columns]) for place in places]
-                group[0].set_title(next(letters), loc="left")
+                group[0].set_title(next(titles), loc="left")
                 for axes, part in zip(group, parts, strict=True):
                     plot(axes, flight, part)
             begin = end
