@@ -53,16 +53,19 @@ def compared() -> list[tuple[str, str]]:
     }
     return [
         ("Andrews' squeezer, accelerations at the start, with 30 digits", f"{-np.log10(off):.1f}"),
-        ("the same in doubles", digits(doubles[:2], rounded)),
-        ("the same after 0.03 s, angles", digits(q, test_published.END)),
-        (f"the same, {1e12 * late:.1f} ps later", digits(q + late * v, test_published.END)),
+        ("Accelerations of the squeezer in doubles", digits(doubles[:2], rounded)),
+        ("Angles of the squeezer after 0.03 s", digits(q, test_published.END)),
+        (
+            f"Angles of the squeezer, {1e12 * late:.1f} ps later",
+            digits(q + late * v, test_published.END),
+        ),
         ("PUMA 560, torques of gravity", digits(*test_published.puma_gravity())),
         ("UR5e, pose of the tip", digits(*arms["ur5e"])),
         ("UR5e, potential energy", digits(*arms["energy"])),
         ("Panda, pose of the tip", digits(*arms["panda"])),
         *rotorpy.items(),
         ("Crazyflie by drone-models, accelerations", digits(*proportional)),
-        ("the same, with its curve of torques", digits(*curved)),
+        ("Crazyflie by drone-models, accelerations, with its curve of torques", digits(*curved)),
     ]
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from conftest import ROOT
 from small_robot import c_function, matrices
+from support.tools import run
 
 from gibbs_codegen import generate, load
 
@@ -47,3 +50,18 @@ def test_equations_by_hand_are_those_of_the_module(tmp_path: Path) -> None:
     np.testing.assert_allclose(module.mass_matrix(q), matrix, atol=1e-15)
     np.testing.assert_allclose(module.residual(q, v), residual, atol=1e-14)
     np.testing.assert_allclose(module.input_matrix(q), inputs, atol=1e-15)
+
+
+@pytest.mark.slow
+def test_published_tables_are_what_the_benchmark_prints() -> None:
+    """Counts as they stand; digits to one, as other processors round in other ways."""
+    printed = run([sys.executable, ROOT / "benchmarks" / "published_tables.py"])
+    rows = [line.strip("| ").split(" | ") for line in printed.splitlines() if line.startswith("|")]
+    shown = {line.strip("| ").split(" | ")[0]: line for line in PAGE.splitlines()}
+    assert len(rows) == 2 * 2 + 14 + 5
+    for what, *numbers in rows:
+        found = shown[what].strip("| ").split(" | ")[1:]
+        if len(numbers) == 1 and numbers[0][:1].isdigit():
+            assert abs(float(numbers[0]) - float(found[0])) <= 1.0, what
+        else:
+            assert numbers == found, what

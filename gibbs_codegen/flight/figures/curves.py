@@ -218,8 +218,8 @@ def coordinates(flight: Flight, letters: str = string.ascii_uppercase) -> Figure
 
     Panels, with `letters` in their order: attitude angles, deg, or the quaternion, and the same as
     roll, pitch and yaw, deg; joints of the arm, revolute ones in deg, prismatic ones in m in a
-    panel of their own; position of O₁, of the base centre or of the base's frame, whichever the coordinates are of, m,
-    or the travel of a base that does not move freely, from its place.
+    panel of their own; position of O₁, of the base centre or of the base's frame, whichever the
+    coordinates are of, m, or the travel of a base that does not move freely, from its place.
     Constrained angles of base arms 2 … N, deg, have a panel only if they drift, which takes a
     system that was integrated with them; in flights of `simulate` they cannot. Attitudes and joints
     that vary far less than others, such as roll and pitch beside a yaw of many turns, have axes of
