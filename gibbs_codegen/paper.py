@@ -224,7 +224,7 @@ def context(
     robot: Robot, flight: Flight, errors: dict[str, Array], found: list[Residual]
 ) -> dict[str, object]:
     """What the template of the page is given."""
-    arms = [robot.base.arm(k) for k in range(1, robot.rotors + 1)]
+    arms = [arm for k in range(1, robot.rotors + 1) if isinstance(arm := robot.base.arm(k), Rod)]
     links = [link.body for link in robot.links if isinstance(link.body, Rod)]
     rods = {tuple(rod.section_inertia) for rod in (*arms, *links) if rod.total_mass > 0.0}
     equations = [
