@@ -125,6 +125,22 @@ def test_pendulum_swings_is_dragged_and_has_its_bowl(cells: Any, tmp_path: Path)
         q, v, _ = state(seen)
         assert np.allclose(module.positions(q)[-1, ::2], [80 / 125, 60 / 125], atol=0.01)
         assert not v.any()
+        # Arrows of S and R, by the accelerations of the fall, of rods of 0.4 kg and 0.5 m.
+        real, h = module.forward_dynamics(q, v, [0.0, 0.0]), 1e-3
+        ahead, still, behind = (module.positions(q + x * real)[:, ::2] for x in (h, 0.0, -h))
+        joints = ((ahead - behind) / (2.0 * h))[-3:]
+        turns = np.cumsum(real) * 0.4 * 0.5**2 / 12.0
+        for k in range(2):
+            x, y, *tip = numbers(seen.page, f"force-{k + 1}", "d")
+            force = 0.4 * np.add(joints[k : k + 2].mean(axis=0), (0.0, 9.81))
+            assert np.allclose([tip[0] - x, y - tip[1]], 7.0 * force, atol=0.15)
+            lever = (still[-2 + k] - still[-3 + k]) / 2.0
+            moment = turns[k] + lever[0] * force[1] - lever[1] * force[0]
+            arc = np.reshape(numbers(seen.page, f"moment-{k + 1}", "d"), (-1, 2)) - (
+                (180.0, 130.0) + 125.0 * still[-3 + k] * (1.0, -1.0)
+            )
+            swept = np.unwrap(np.arctan2(-arc[:, 1], arc[:, 0]))
+            assert np.isclose(swept[-1] - swept[0], np.clip(1.2 * moment, -5, 5), atol=0.02)
         look(seen, (0.0, 0.0))
         seen.page.mouse.up()
         figure.evaluate("one => one.advance(0.1)")
