@@ -125,7 +125,7 @@ def identify(
 ) -> Identified:
     """Find the numbers of a robot file that explain logs best.
 
-    They are the most likely ones, given all readings with their noise, a wind that comes and goes,
+    They are those to be expected, given all readings with their noise, a wind that comes and goes,
     and a prior around the robot file.
 
     Args:
@@ -205,6 +205,9 @@ def identify(
     if sum(len(r.time) for r in used) > 1.5 * _FIRST:
         start = fitted([part_of(used[0], slice(_FIRST))], None, "first samples")[1].shared
     smoother, estimate = fitted(used, start, "all samples")
+    if estimate.settled:
+        progress("deviations", 0.0)
+        estimate.shared, estimate.covariance = smoother.spread(estimate)
     f = len(unknowns.names)
     prediction = {}
     if rest:

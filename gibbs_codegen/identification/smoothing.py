@@ -47,6 +47,9 @@ _SPACING, _CHUNK, _ALL, _EVERY = 0.02, 256, slice(None), 8
 # Changes of shared numbers, of their deviations, where a fit ends, or what it begins at, and shares
 # of strengths that are none; iterations at most, and changes of unknowns at once.
 _SETTLED, _ROUGHLY, _SAME, _MOST, _FAR = 0.05, 1.0, 0.1, 30, 0.5
+# Middles of bins where the likelihood bends: deviations from one to the next, with which a normal
+# law keeps its deviation, cost from which on none follows, and how many at most to a side.
+_APART, _UNLIKELY, _POINTS = 1.4, 0.9, 5
 # The least share of a change that is taken.
 _LEAST = 0.1
 
@@ -297,6 +300,47 @@ class Smoother:
     def covariance(self, estimate: Estimate) -> Array:
         """The covariance of what is shared, by slopes of readings."""
         return self._solved(estimate, len(self.prior))[1]
+
+    def spread(self, estimate: Estimate) -> tuple[Array, Array]:
+        """Means and covariance of what is shared, which bends along one direction most.
+
+        They are those of bins along it, by how likely all else makes the middle of each (Laplace).
+        What a log tells well changes too little to bend; what the prior alone tells is straight.
+        """
+        scale, points = np.outer(self.prior, self.prior), dict[float, tuple[Any, ...]]()
+        shares, ways = np.linalg.eigh(estimate.covariance / scale)
+        across = ways[:, np.argmax(np.sqrt(shares) * (1.0 - shares))] / self.prior
+        first = self._solved(estimate, len(self.prior))
+        for sign in (-1.0, 1.0):
+            point, solved, place = estimate, first, float(across @ estimate.shared)
+            cost = slope = 0.0
+            for _ in range(_POINTS):
+                change, covariance, states = solved
+                toward = covariance @ across
+                size = across @ toward
+                step, before, slope = across @ point.shared - place, slope, -across @ change / size
+                place, cost = place + step, cost + 0.5 * step * (before + slope)
+                change = change + slope * toward
+                likely = 0.5 * (np.linalg.slogdet(covariance / scale)[1] - np.log(size)) - cost
+                points[place] = likely, point.shared + change, covariance, toward / size, size
+                if cost > _UNLIKELY:
+                    break
+                change = change + sign * _APART / np.sqrt(size) * toward
+                state = self.model.moved(point.state, states(change))
+                point = replace(point, shared=point.shared + change, state=state)
+                local = self._solved(point, 0)[2](change[:0])
+                if not np.isfinite(local).all():
+                    return estimate.shared, estimate.covariance
+                point.state = self.model.moved(state, local)
+                solved = self._solved(point, len(self.prior))
+        widths, rows = np.gradient(sorted(points)), [points[place] for place in sorted(points)]
+        chances, means, covariances, along, sizes = map(np.array, zip(*rows, strict=True))
+        weights = widths * np.exp(chances - chances.max())
+        weights /= np.sum(weights)
+        mean = weights @ means
+        off, within = means - mean, weights * (widths**2 / 12.0 - sizes)
+        whole = np.tensordot(weights, covariances, 1) + (weights * off.T) @ off
+        return mean, whole + (within * along.T) @ along
 
     def run(
         self,
