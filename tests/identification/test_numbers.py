@@ -14,6 +14,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.identification.identify import doubted, unseen
 from gibbs_codegen.identification.recorded import Recording, deviation
 from gibbs_codegen.identification.robot_file import with_numbers
+from gibbs_codegen.identification.smoothing import Estimate, Smoother
 from gibbs_codegen.identification.unknowns import Unknowns
 from gibbs_codegen.pipeline import generate
 from gibbs_codegen.robot.file import parse_robot, read_robot
@@ -175,6 +176,37 @@ def test_doubt_of_readings_does_not_widen_the_prior() -> None:
     assert np.all(np.diag(wider) <= prior**2)
 
 
+def test_means_and_deviations_are_those_of_a_bent_law() -> None:
+    """Of two numbers whose residuals and prior are known, against sums over a grid."""
+
+    def residuals(x, y) -> np.ndarray:
+        return np.array([(np.exp(2.0 * y) - 1.0) / 0.6, (x - 0.5 * y**2 - 0.2 * y) / 0.05, x, y])
+
+    class Bent(Smoother):
+        def __init__(self) -> None:
+            self.prior, self.model = np.ones(2), SimpleNamespace(moved=lambda state, _: state)
+
+        def _solved(self, estimate, free):
+            slopes = np.array(
+                [residuals(*(estimate.shared + 1e-30j * way)).imag / 1e-30 for way in np.eye(2)]
+            )
+            covariance = np.linalg.inv(slopes @ slopes.T)
+            change = -covariance @ slopes @ residuals(*estimate.shared)
+            return change[:free], covariance, lambda _: np.zeros(1)
+
+    bent, mode = Bent(), Estimate(np.zeros(2), {}, np.zeros(0))
+    mode.covariance = bent._solved(mode, 2)[1]
+    mean, covariance = bent.spread(mode)
+    grid = np.stack(np.meshgrid(np.linspace(-1, 4, 1001), np.linspace(-3, 1, 801)))
+    chances = np.exp(-0.5 * np.sum(residuals(*grid) ** 2, axis=0)).ravel()
+    points = grid.reshape(2, -1)
+    exact = np.cov(points, aweights=chances)
+    off = np.average(points, axis=1, weights=chances) - mean
+    # At the mode the mean is 0.7 deviations off, and the deviations are a third too small.
+    assert np.abs(off / np.sqrt(np.diag(exact))).max() < 0.15
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), np.sqrt(np.diag(exact)), rtol=0.1)
+
+
 def test_what_is_unseen_is_said_of_values_not_of_factors_of_inertia(module) -> None:
     """The second moment along y is in the moments about x and z, and not in that about y."""
     body = next(n for n in module.PARAMETERS if n.endswith("_inertia_xx")).removesuffix("_xx")
@@ -237,7 +269,14 @@ def test_patterns_of_what_may_be_zero_keep_zeros(tmp_path, monkeypatch, free, ze
     monkeypatch.setattr(robot_argument, "found_module", found)
     (tmp_path / "log.npz").touch()
     places = {"out": tmp_path / "out", "logs": [tmp_path / "log.npz"]}
-    places |= {"name": [], "design": None, "free": [free], "prior": 0.3, "hold_out": 0.0}
+    places |= {
+        "name": [],
+        "design": None,
+        "free": [free],
+        "prior": 0.3,
+        "hold_out": 0.0,
+        "room": 1.0,
+    }
     options = Namespace(**places, robot="quadrotor")
     with pytest.raises(UsageError, match=f"zeros: {zeros}"):
         identify.run(options)
