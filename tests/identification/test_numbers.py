@@ -263,7 +263,7 @@ def test_a_load_needs_all_numbers_of_its_body(tmp_path) -> None:
     ("free", "zeros"), [("frame_imu_?", True), ("payload.arm", True), ("arm_mass", False)]
 )
 def test_patterns_of_what_may_be_zero_keep_zeros(tmp_path, monkeypatch, free, zeros) -> None:
-    def found(*_, keep_zeros: bool):
+    def found(*_, keep_zeros: bool, **_settings):
         raise UsageError(f"zeros: {keep_zeros}")
 
     monkeypatch.setattr(robot_argument, "found_module", found)
