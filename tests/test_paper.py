@@ -27,7 +27,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("paper")
     told = run("paper", "--out", "new", cwd=place)
     assert (told.returncode, told.stderr.count("\n")) == (0, told.stderr.count("hexarotor_3link:"))
-    assert told.stdout.splitlines()[-1].startswith("new: index.md has the page")
+    assert told.stdout.splitlines()[-1].startswith("written to new: the page, index.md")
     assert told.stdout.count("digits") == 1
     return place / "new"
 

@@ -19,10 +19,9 @@ from gibbs_codegen.version import __version__
 DISTRIBUTIONS = ("uniform", "normal", "log_uniform", "scaled", "together")
 
 _PLACES = (
-    "a robot file, the name of a robot that ships, or a generated module (its folder, or its "
-    "name in generated/)"
+    "a robot file, a generated module (its folder, or its name in generated/), or the name of a "
+    "robot that ships; for a NAME, a module goes before NAME.toml and a robot that ships"
 )
-_DERIVES = f"{_PLACES}; a robot that ships goes before a module of the same name"
 _SCENARIOS = f"{', '.join(shipped_names('scenarios'))} or a scenario file"
 _USUAL = "default: paper, or hold where the base does not fly freely"
 _LOG = (
@@ -68,7 +67,7 @@ class Parser(argparse.ArgumentParser):
 
 def _add_robot(parser: Parser) -> None:
     """Add ROBOT, or --rotors and --links, to a command that derives."""
-    parser.add("robot", "ROBOT", _DERIVES, nargs="?")
+    parser.add("robot", "ROBOT", _PLACES, nargs="?")
     family = "for a robot of the paper's family (its Table 1) instead of ROBOT"
     meaning = f"number of rotors, 2 to 256, {family}; requires --links"
     parser.add("--rotors", "N", meaning, type=int)
@@ -77,8 +76,8 @@ def _add_robot(parser: Parser) -> None:
 
 def _add_module(parser: Parser) -> None:
     """Add ROBOT to a command that runs a module."""
-    which = "a module goes before a robot that ships; where there is no module, one is generated"
-    parser.add("robot", "ROBOT", f"{_PLACES}; {which} and not kept")
+    which = "where there is no module, one is generated and not kept"
+    parser.add("robot", "ROBOT", f"{_PLACES}; {which}")
 
 
 def _add_choice(parser: Parser, meaning: str) -> None:
@@ -154,7 +153,7 @@ def _add_names(parser: Parser) -> None:
         *("--name", "KEY=NAME"),
         "the name in LOG of KEY: a coordinate, an input, a command, or a topic (of a bag: "
         "odometry, joints, inputs, imu, actuators; of a ULog: position, attitude, spin, imu); "
-        "for a joint that stands still, NAME may be its coordinate, a number; may be repeated",
+        "if the joint KEY stands still, NAME may be a number, its coordinate; may be repeated",
         action="append",
         default=[],
     )
@@ -344,7 +343,7 @@ def _sitl(parser: Parser) -> None:
 
 @_command("move robots through many variants of scenarios, and measure every flight")
 def _sweep(parser: Parser) -> None:
-    meaning = f"{_PLACES}; a module goes before a robot that ships; other robots get a module"
+    meaning = f"{_PLACES}; other robots get a module"
     parser.add("robots", "ROBOT", meaning, nargs="+")
     meaning = f"a scenario: {_SCENARIOS}; may be repeated ({_USUAL} of the first robot)"
     parser.add("--scenario", "NAME|FILE", meaning, action="append")
@@ -539,7 +538,7 @@ def _import(parser: Parser) -> None:
 
 @_command("write a robot as URDF, MJCF or SDF, or as parameters of an autopilot")
 def _export(parser: Parser) -> None:
-    parser.add("robot", "ROBOT", _DERIVES)
+    parser.add("robot", "ROBOT", _PLACES)
     kinds = ("urdf", "mjcf", "sdf", "px4", "ardupilot")
     parser.add("--format", None, "format of the file", choices=kinds, required=True)
     meaning = "file to write (default: NAME.urdf, .xml, .sdf or .param; for PX4 22000_NAME)"

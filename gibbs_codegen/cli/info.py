@@ -503,7 +503,7 @@ def _print_arrangement(motors: dict[str, Any], console: Console) -> None:
     elif motors["rank"]:
         console.print(
             f"\nRotors: rank {motors['rank']} of 6, so the base is underactuated; the thrusts "
-            "produce no wrench along"
+            "produce no force or torque along"
         )
         for direction in motors["missing"]:
             console.print(f"  {direction}", highlight=False)

@@ -22,5 +22,5 @@ def run(options: argparse.Namespace) -> int:
     print(f"{'':{width}}  largest error    digits")
     for residual in residuals:
         print(f"{residual.what:{width}}  {residual.text:15}  {residual.digits:4.1f}")
-    print(f"{printable(options.out)}: index.md has the page; residuals.csv has these numbers")
+    print(f"written to {printable(options.out)}: the page, index.md; these numbers, residuals.csv")
     return 0

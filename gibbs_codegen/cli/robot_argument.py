@@ -53,28 +53,15 @@ def warn_of_inertias(robot: Robot) -> None:
 def find_robot(word: str) -> tuple[Robot, str]:
     """The robot that a word names, and the text of its file.
 
-    A robot that ships comes first, then a file or the folder of a module, then a module in
-    generated/. Raises `RobotFileError` if the file is rejected, and `UsageError` if there is no
-    such robot, or a module in generated/ may be older than a robot file of its name.
+    A file of that path comes first, then a module, then a robot that ships. Raises `RobotFileError`
+    if the file is rejected, and `UsageError` if there is no such robot.
     """
-    from gibbs_codegen.robot.file import read_robot, shipped_robots
+    from gibbs_codegen.robot.file import read_robot
+    from gibbs_codegen.runtime.load import modules_made, robot_file
 
-    if word in shipped_robots() or os.path.isfile(word):
-        return read_robot(word)
-    module, file = os.path.join("generated", word), f"{word}.toml"
-    if not os.path.isdir(word) and os.path.isdir(module) and os.path.isfile(file):
-        raise UsageError(
-            f"{word}: both a robot file ({file}) and a module ({module}) match; give one of "
-            "these paths"
-        )
-    for folder in (word, os.path.join("generated", word)):
-        if os.path.isfile(file := os.path.join(folder, "robot.toml")):
-            return read_robot(file)
     try:
-        return read_robot(word)
+        return read_robot(robot_file(word))
     except UsageError as error:
-        from gibbs_codegen.runtime.load import modules_made
-
         names = [*modules_made(), *(name for name in os.listdir() if name.endswith(".toml"))]
         message = f"{error}; nor is there a module of that name in generated/{near(word, names)}"
         raise UsageError(message) from None
@@ -82,14 +69,13 @@ def find_robot(word: str) -> tuple[Robot, str]:
 
 def functions_of(word: str | None) -> tuple[str, ...]:
     """Names of a module's functions; none where the word names none, as of `find_robot`."""
-    from gibbs_codegen.robot.file import shipped_robots
-    from gibbs_codegen.runtime.load import find_module
+    from gibbs_codegen.runtime.load import robot_file
 
-    if word is None or word in shipped_robots() or os.path.isfile(word):
+    if word is None or (file := robot_file(word)) == word:
         return ()
     try:
-        text = (find_module(Path(word)) / "numpy_module.py").read_text("utf-8")
-    except (UsageError, OSError, UnicodeDecodeError):
+        text = Path(file).with_name("numpy_module.py").read_text("utf-8")
+    except (OSError, UnicodeDecodeError):
         return ()
     # The source is searched: running the module would take longer, and could run anything.
     listed = re.search(r"^FUNCTIONS = \((.*?)^\)", text, re.M | re.S)

@@ -95,7 +95,7 @@ def print_verification(verification: Verification, console: Console) -> None:
             if len(rows) > 6 and any(c.states for c in rows.values())
         }
         others = [c for c in comparisons if c.against not in wide]
-        title = f"{backend}: largest relative error of each function against …"
+        title = f"{backend}: largest relative error of each function against what a column names"
         for some in _fitting(wide, console.width):
             table = plain_table(title, padding=(0, 2, 0, 0))
             table.add_column("function", no_wrap=True, vertical="bottom")
@@ -112,7 +112,7 @@ def print_verification(verification: Verification, console: Console) -> None:
             table.add_row("states", *counts, style="dim")
             console.print(table)
             console.print()
-            title = f"{backend}: … and against …"
+            title = f"{backend}: against what further columns name"
         if others:
             table = plain_table(f"{backend}: other comparisons")
             table.add_column("what", no_wrap=True)

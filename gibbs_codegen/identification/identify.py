@@ -210,11 +210,14 @@ def identify(
         estimate.shared, estimate.covariance = smoother.spread(estimate)
     f = len(unknowns.names)
     prediction = {}
-    if rest:
+    if rest and estimate.settled:
         of_file = np.concatenate([np.zeros(f), estimate.shared[f:]])
         errors = [
-            _errors_ahead(*fitted(rest, shared, "the part held out", numbers=False))
-            for shared in (of_file, estimate.shared)
+            _errors_ahead(*fitted(rest, shared, f"the part held out, {whose}", numbers=False))
+            for shared, whose in (
+                (of_file, "by the robot file"),
+                (estimate.shared, "as identified"),
+            )
         ]
         prediction = {name: (errors[0][name], errors[1][name]) for name in errors[0]}
     progress("all samples", 1.0)

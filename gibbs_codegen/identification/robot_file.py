@@ -48,23 +48,25 @@ def with_numbers(text: str, changes: Mapping[str, float], words: Mapping[str, st
                 "(--free)"
             )
         path = f"{tables[prefix]}.{key}"
-        while path not in lines and key != "thrust_curve":
-            path = path.rpartition(".")[0]
+        curves = {f"{tables[prefix]}.{k}" for k in _CURVES if key == "thrust_curve"}
+        while path not in lines and not curves & lines.keys():  # It is in an inline table.
+            path = path.rpartition(".")[0] or path.partition("[")[0]
         edits.setdefault(path, [])
         if name in words:
             edits[path].append(words[name])
     rows: list[str | None] = [*text.splitlines()]
     for path, comments in edits.items():
-        table, _, key = path.rpartition(".")
-        value = entry(document, path)
-        old = [f"{table}.{k}" for k in (key, *_CURVES * (key == "thrust_curve"))]
+        key, value = path.rpartition(".")[2], toml_value(entry(document, path))
+        if path == key and isinstance(tables_of_key := document[key], list):
+            value = "".join(["[\n", *(f"    {toml_value(x)},\n" for x in tables_of_key), "]"])
+        old = [path.removesuffix(key) + k for k in (key, *_CURVES * (key == "thrust_curve"))]
         for number, row in enumerate([lines[p] - 1 for p in old if p in lines]):
             end = _end(rows, row)
-            comment = (rows[end - 1] or "").partition("#")[2].strip()
-            note = "; ".join(filter(None, [*comments, comment]))
+            old_comments = [(r or "").partition("#")[2].strip() for r in rows[row:end]]
+            note = "; ".join(filter(None, [*comments, *old_comments]))
             rows[row:end] = [None] * (end - row)
             if number == 0:
-                rows[row] = f"{key} = {toml_value(value)}" + (f"  # {note}" if note else "")
+                rows[row] = f"{key} = {value}" + (f"  # {note}" if note else "")
     changed = "\n".join(row for row in rows if row is not None) + "\n"
     parse_robot(changed, "the robot file with identified numbers")
     return changed
@@ -86,6 +88,8 @@ def _changed(table: dict[str, Any], end: str, value: float) -> str:
     value = float(f"{value:.{_DIGITS}g}")
     if end.startswith("thrust_") and end[7:].isdigit() and "command" in table:
         table.setdefault("thrust_curve", [0.0, 0.0, 0.0])[int(end[7:])] = value
+        for other in _CURVES:
+            table.pop(other, None)
         return "thrust_curve"
     if isinstance(table.get(end), int | float):
         table[end] = value

@@ -50,6 +50,8 @@ _SETTLED, _ROUGHLY, _SAME, _MOST, _FAR = 0.05, 1.0, 0.1, 30, 0.5
 # Middles of bins where the likelihood bends: deviations from one to the next, with which a normal
 # law keeps its deviation, cost from which on none follows, and how many at most to a side.
 _APART, _UNLIKELY, _POINTS = 1.4, 0.9, 5
+# Iterations in a row, after which a fit ends that comes no nearer.
+_STUCK = 6
 # The least share of a change that is taken.
 _LEAST = 0.1
 
@@ -359,15 +361,18 @@ class Smoother:
         leaves what equations that are so sure punish at once, and the next one takes back. So
         numbers take a share of their changes, by the last one (Aitken).
         """
-        last, share = np.zeros(0), 1.0
+        last, share, stuck = np.zeros(0), 1.0, 0
         for iteration in range(_MOST):
             free = len(self.prior) if numbers and iteration >= held else 0
             early = iteration < len(slacks)
             estimate = replace(estimate, slack=slacks[iteration] if early else 1.0)
             with np.errstate(all="ignore"):
                 change, covariance, states = self._solved(estimate, free)
-                off = change / np.sqrt(np.diag(covariance))
+                deviations = np.sqrt(np.diag(covariance))
+                off = change / deviations
                 if last.size:
+                    # By the same deviations: they fall with those of the wind.
+                    last /= deviations
                     turn = off - last
                     share = float(np.clip(-share * (last @ turn) / (turn @ turn), _LEAST, 1.0))
                 unknowns = change[: len(self.unknowns.names)]
@@ -384,13 +389,17 @@ class Smoother:
             if self.model.free and not early:
                 estimate.wind = np.maximum(_CALM, np.sqrt(np.mean(state["pull"] ** 2, axis=0)))
             size, was = (float(np.max(np.abs(x), initial=0.0)) for x in (off, last))
-            detail = f"iteration {iteration + 1}" + f", change {size:.2g}" * numbers
+            detail = f"iteration {iteration + 1}" + f", change {size:.2g} deviations" * numbers
             tell(detail, 1.0 - 1.0 / (2.0 + iteration))
             if early:
                 continue
             # What further iterations would change, if each changes less by the same factor.
             rest = size**2 / max(was - size, 0.1 * size, 1e-9)
-            same, last = np.max(np.abs(np.log(before / estimate.wind))) < _SAME, off
+            same = np.max(np.abs(np.log(before / estimate.wind))) < _SAME
+            stuck = stuck + 1 if 0.0 < was <= size else 0
+            if stuck == _STUCK:
+                break
+            last = off * deviations
             untold = free and estimate.tilt is None
             if same and (rest < (_ROUGHLY if untold else _SETTLED) if free else iteration > 2):
                 if untold and not roughly:

@@ -218,7 +218,8 @@ def _processor() -> str:
 
 _log = logging.getLogger("gibbs_codegen")
 # What is compiled, where nothing else is said.
-_FUNCTIONS, FLIGHT = "its functions", "its motion"
+_FUNCTIONS, FLIGHT = "all its functions", "the loop of this scenario"
+_FLIGHTS = "the functions that flights call"
 # Time to compile a library, s, and each operation in it, on the machine of the waiting times.
 _SECONDS_A_LIBRARY, _SECONDS_AN_OPERATION = 0.3, 4e-4
 _OPERATIONS = re.compile(rb" [-+*/] ")
@@ -330,7 +331,7 @@ class ModuleLibrary:
 
         pool = ThreadPoolExecutor(count)
         try:
-            with announced(_compiling(self._name, _FUNCTIONS), seconds):
+            with announced(_compiling(self._name, _FLIGHTS), seconds):
                 tasks.extend(pool.submit(self._library, unit) for unit in units)
                 if ahead and wait(tasks, _AT_ONCE).not_done:
                     tasks.append(pool.submit(ahead()))
@@ -387,7 +388,8 @@ class ModuleLibrary:
         if not unit and not form:
             return self.core
         where = self._folder, self._name, self._files(form), self._compiler
-        return compiled_files(*where, self._flags, functions=self._parts(unit, form))
+        what = _FLIGHTS if unit == "flights" else f"its functions of the group {unit}"
+        return compiled_files(*where, self._flags, functions=self._parts(unit, form), what=what)
 
 
 def compiled_library(

@@ -35,6 +35,8 @@ _SOURCES = {".c", ".jinja", ".m", ".py", ".toml"}
 
 _log = logging.getLogger("gibbs_codegen")
 _importing = threading.Lock()
+# Texts of robot files, and of those of modules, that a warning told of.
+_TOLD: set[tuple[bytes, ...]] = set()
 
 
 def load(
@@ -169,6 +171,7 @@ def find_module(path: Path) -> Path:
     try:
         for folder in folders:
             if all((folder / name).is_file() for name in ("__init__.py", "numpy_module.py")):
+                _warn_of_changes(folder)
                 return folder.resolve()
         only_c = [f for f in folders if (f / f"{Path(os.path.realpath(f)).name}.h").is_file()]
     except OSError as error:
@@ -192,6 +195,26 @@ def find_module(path: Path) -> Path:
     hint = near(path.name, [*modules_made(), *shipped])
     remedy = hint or f"; make one with: gibbs-codegen generate {robot}"
     raise UsageError(f"{printable(path)}: no generated module there or in generated/{remedy}")
+
+
+def _warn_of_changes(folder: Path) -> None:
+    """Warn, once, if NAME.toml is another text than that of which generated/NAME was made."""
+    files = Path(f"{folder.name}.toml"), folder / "robot.toml"
+    if folder.parent == Path("generated") and all(map(os.path.isfile, files)):
+        texts = tuple(file.read_bytes() for file in files)
+        if texts[0] != texts[1] and texts not in _TOLD:
+            _TOLD.add(texts)
+            words = "%s differs from the file that %s was made of: run `gibbs-codegen generate %s`"
+            _log.warning(words, *map(printable, (files[0], folder, files[0])))
+
+
+def robot_file(word: str) -> str:
+    """Path of the robot file in a module of a path, or of a name in `generated/`; else the word."""
+    for folder in (Path(word), Path("generated", word)):
+        if not os.path.isfile(word) and os.path.isfile(folder / "robot.toml"):
+            _warn_of_changes(folder)
+            return str(folder / "robot.toml")
+    return word
 
 
 def _module_that_ships(name: str) -> Path:

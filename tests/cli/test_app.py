@@ -111,7 +111,7 @@ def test_all_parameters_keeps_zeros(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         ([], "required"),
-        (["fly"], "invalid choice"),
+        (["flies"], "invalid choice"),
         (["generate"], "give ROBOT, or both --rotors and --links"),
         (["generate", "--rotors", "6"], "both --rotors and --links"),
         (["generate", "hexarotor", "--rotors", "6", "--links", "1"], "not both"),

@@ -118,6 +118,28 @@ def test_comments_of_a_robot_file_stay() -> None:
     assert robot.thrusters[1].drag == -0.02
 
 
+def test_numbers_in_lists_of_inline_tables_are_replaced() -> None:
+    text = """name = "x"
+rotor = [
+    { position = [0.2, 0, 0], drag = 0.01, command = "throttle", max_thrust = 9 },  # front
+    { position = [-0.2, 0, 0], drag = -0.01 },
+]
+link = [{ name = "rod", xyz = [0, 0, 0], axis = "y", length = 0.2, mass_per_length = 0.6 }]
+base = { mass = 3.0, inertia = [0.06, 0.06, 0.1, 0, 0, 0] }
+"""
+    changes = {"rod_mass_per_length": 0.5, "rotor2_drag": -0.02, "base_mass": 2.0}
+    changes |= {"rotor1_thrust_1": 1.0, "rotor1_thrust_2": 8.0}
+    new = with_numbers(text, changes, {"rod_mass_per_length": "0.5 ± 0.1"})
+    assert new.splitlines()[-2:] == [
+        "]  # 0.5 ± 0.1",
+        "base = { mass = 2.0, inertia = [0.06, 0.06, 0.1, 0, 0, 0] }",
+    ]
+    assert "]  # front\n" in new
+    robot = parse_robot(new)
+    assert [rotor.drag for rotor in robot.thrusters] == [0.01, -0.02]
+    assert robot.thrusters[0].drive.curve == (0.0, 1.0, 8.0)
+
+
 def test_a_thrust_curve_takes_the_place_of_the_greatest_thrust() -> None:
     text = read_robot("quadrotor_arm_2link")[1].replace(
         "limits        = [0, 14]",

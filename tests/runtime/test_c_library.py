@@ -64,7 +64,7 @@ def test_what_takes_long_to_compile_is_told_in_one_line(
         waited = seconds_waited(begin)
         with ThreadPoolExecutor() as pool:  # What is compiled beside this thread keeps nobody.
             pool.submit(compiled_library, folder, NAME, Slow(("cc",), "beside")).result()
-    told = f"{NAME}: compiling its functions in C; the cache keeps the result (about … s)"
+    told = f"{NAME}: compiling all its functions in C; the cache keeps the result (about … s)"
     # Python shows warnings by default, in scripts and pipes too.
     # How long it takes goes by how much is emitted.
     texts = [re.sub(r"about \d+ s", "about … s", text) for text in caplog.messages]

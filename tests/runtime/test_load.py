@@ -192,3 +192,23 @@ def test_what_was_meant_is_suggested(tmp_path: Path, monkeypatch: pytest.MonkeyP
     for meant, word in (("inspector", "inspctor"), ("inspector.toml", "inspctor.toml")):
         with pytest.raises(UsageError, match=rf"; did you mean {meant}\?$"):
             find_robot(word)
+
+
+def test_a_name_means_its_module_and_another_file_beside_is_told_of_once(
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Those that derive, those that fly, and pages read the same robot."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(small, tmp_path / "generated" / small.name)
+    text = (small / "robot.toml").read_text("utf-8")
+    beside = tmp_path / f"{small.name}.toml"
+    beside.write_text(text, "utf-8")
+    assert find_robot(small.name)[1] == text
+    assert caplog.messages == []
+    edited = text + "\n# Edited.\n"
+    beside.write_text(edited, "utf-8")
+    assert small.name == load(small.name).NAME
+    assert find_robot(small.name)[1] == text
+    told = f"{small.name}.toml differs from the file that {Path('generated') / small.name} was made"
+    assert [line.partition(" of: ")[0] for line in caplog.messages] == [told]
+    assert find_robot(beside.name)[1] == edited

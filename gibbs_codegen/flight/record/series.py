@@ -84,7 +84,7 @@ class Flight:
     joints:
 
     - `time` (s); `q`, `q_desired` (s, nq); `v`, `a`, `v_desired`, `a_desired` (s, nv)
-    - `commanded` and `applied` (s, nu): inputs that the controller asks for, and those that act
+    - `commanded` and `applied` (s, nu): inputs u that the controller asks for, and those that act
       after thrust limits and motor lag; `commanded_least`, `commanded_greatest`, `applied_least`
       and `applied_greatest` (s, nu): the least and the greatest of them since the sample before,
       at all steps of the integration

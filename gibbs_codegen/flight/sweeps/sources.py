@@ -32,7 +32,7 @@ from gibbs_codegen.flight.scenario.file import (
 )
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.runtime.c_library import announced
-from gibbs_codegen.runtime.load import find_module, load
+from gibbs_codegen.runtime.load import find_module, load, robot_file
 from gibbs_codegen.version import __version__
 
 if TYPE_CHECKING:
@@ -274,10 +274,7 @@ def flown_module(word: str, functions: Sequence[str]) -> Iterator[tuple[ModuleTy
     from gibbs_codegen.pipeline import closed_loops, generate_robot, tracking_law
     from gibbs_codegen.robot.file import read_robot
 
-    files = (
-        os.path.join(folder, "robot.toml") for folder in (word, os.path.join("generated", word))
-    )
-    read, text = read_robot(next(filter(os.path.isfile, files), word))
+    read, text = read_robot(robot_file(word))
     if closed_loops(read):
         raise UsageError(
             f"{read.name}: its joints form loops, which such a page does not hold closed; fly it "
