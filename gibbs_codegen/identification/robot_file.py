@@ -56,9 +56,9 @@ def with_numbers(text: str, changes: Mapping[str, float], words: Mapping[str, st
             edits[path].append(words[name])
     rows: list[str | None] = [*text.splitlines()]
     for path, comments in edits.items():
-        key, value = path.rpartition(".")[2], toml_value(entry(document, path))
+        key, shown = path.rpartition(".")[2], toml_value(entry(document, path))
         if path == key and isinstance(tables_of_key := document[key], list):
-            value = "".join(["[\n", *(f"    {toml_value(x)},\n" for x in tables_of_key), "]"])
+            shown = "".join(["[\n", *(f"    {toml_value(x)},\n" for x in tables_of_key), "]"])
         old = [path.removesuffix(key) + k for k in (key, *_CURVES * (key == "thrust_curve"))]
         for number, row in enumerate([lines[p] - 1 for p in old if p in lines]):
             end = _end(rows, row)
@@ -66,7 +66,7 @@ def with_numbers(text: str, changes: Mapping[str, float], words: Mapping[str, st
             note = "; ".join(filter(None, [*comments, *old_comments]))
             rows[row:end] = [None] * (end - row)
             if number == 0:
-                rows[row] = f"{key} = {value}" + (f"  # {note}" if note else "")
+                rows[row] = f"{key} = {shown}" + (f"  # {note}" if note else "")
     changed = "\n".join(row for row in rows if row is not None) + "\n"
     parse_robot(changed, "the robot file with identified numbers")
     return changed

@@ -167,7 +167,7 @@ def test_a_measure_that_fails_takes_nothing_from_the_others(
         (["hexarotor_3link", "--vary", "durations=5"], "did you mean duration?"),
         (["hexarotor_3link", "--set", "duration"], "--set duration: must be such as duration=5"),
         (["hexarotor_3link", *SHORT, "--vary", "duration=1,2"], "--vary has this key too"),
-        (["hexarotor_3link", "--samples", "2"], "nothing is drawn"),
+        (["hexarotor_3link", "--samples", "2"], "no value is random"),
         (["hexarotor_3link", "--samples", "0"], "samples: must be a whole number"),
         (["hexarotor_3link", "--measure", "x=tip_eror.max"], "did you mean tip_error"),
         (["hexarotor_3link", "--measure", "tip_error.max"], "must be such as worst=tip_error.max"),
