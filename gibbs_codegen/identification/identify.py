@@ -212,12 +212,10 @@ def identify(
     prediction = {}
     if rest and estimate.settled:
         of_file = np.concatenate([np.zeros(f), estimate.shared[f:]])
+        starts = {"by the robot file": of_file, "as identified": estimate.shared}
         errors = [
             _errors_ahead(*fitted(rest, shared, f"the part held out, {whose}", numbers=False))
-            for shared, whose in (
-                (of_file, "by the robot file"),
-                (estimate.shared, "as identified"),
-            )
+            for whose, shared in starts.items()
         ]
         prediction = {name: (errors[0][name], errors[1][name]) for name in errors[0]}
     progress("all samples", 1.0)
