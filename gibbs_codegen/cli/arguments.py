@@ -20,8 +20,10 @@ DISTRIBUTIONS = ("uniform", "normal", "log_uniform", "scaled", "together")
 
 _PLACES = (
     "a robot file, a generated module (its folder, or its name in generated/), or the name of a "
-    "robot that ships; for a NAME, a module goes before NAME.toml and a robot that ships"
+    "robot that ships"
 )
+_DERIVES = f"{_PLACES}; for a NAME, NAME.toml and a robot that ships go before a module"
+_RUNS = f"{_PLACES}; for a NAME, a module goes before NAME.toml and a robot that ships"
 _SCENARIOS = f"{', '.join(shipped_names('scenarios'))} or a scenario file"
 _USUAL = "default: paper, or hold where the base does not fly freely"
 _LOG = (
@@ -67,7 +69,7 @@ class Parser(argparse.ArgumentParser):
 
 def _add_robot(parser: Parser) -> None:
     """Add ROBOT, or --rotors and --links, to a command that derives."""
-    parser.add("robot", "ROBOT", _PLACES, nargs="?")
+    parser.add("robot", "ROBOT", _DERIVES, nargs="?")
     family = "for a robot of the paper's family (its Table 1) instead of ROBOT"
     meaning = f"number of rotors, 2 to 256, {family}; requires --links"
     parser.add("--rotors", "N", meaning, type=int)
@@ -77,7 +79,7 @@ def _add_robot(parser: Parser) -> None:
 def _add_module(parser: Parser) -> None:
     """Add ROBOT to a command that runs a module."""
     which = "where there is no module, one is generated and not kept"
-    parser.add("robot", "ROBOT", f"{_PLACES}; {which}")
+    parser.add("robot", "ROBOT", f"{_RUNS}; {which}")
 
 
 def _add_choice(parser: Parser, meaning: str) -> None:
@@ -343,7 +345,7 @@ def _sitl(parser: Parser) -> None:
 
 @_command("move robots through many variants of scenarios, and measure every flight")
 def _sweep(parser: Parser) -> None:
-    meaning = f"{_PLACES}; other robots get a module"
+    meaning = f"{_RUNS}; other robots get a module"
     parser.add("robots", "ROBOT", meaning, nargs="+")
     meaning = f"a scenario: {_SCENARIOS}; may be repeated ({_USUAL} of the first robot)"
     parser.add("--scenario", "NAME|FILE", meaning, action="append")
@@ -455,7 +457,7 @@ def _paper(parser: Parser) -> None:
 
 @_command("write one page on which a robot flies in any browser, by its own emitted C and law")
 def _fly(parser: Parser) -> None:
-    parser.add("robot", "ROBOT", _PLACES)
+    parser.add("robot", "ROBOT", _RUNS)
     parser.add("--html", "FILE", "page to write, which must not exist yet (default: ROBOT.html)")
 
 
@@ -538,7 +540,7 @@ def _import(parser: Parser) -> None:
 
 @_command("write a robot as URDF, MJCF or SDF, or as parameters of an autopilot")
 def _export(parser: Parser) -> None:
-    parser.add("robot", "ROBOT", _PLACES)
+    parser.add("robot", "ROBOT", _RUNS)
     kinds = ("urdf", "mjcf", "sdf", "px4", "ardupilot")
     parser.add("--format", None, "format of the file", choices=kinds, required=True)
     meaning = "file to write (default: NAME.urdf, .xml, .sdf or .param; for PX4 22000_NAME)"

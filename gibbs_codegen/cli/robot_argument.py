@@ -23,13 +23,20 @@ if TYPE_CHECKING:
 def chosen_robot(options: argparse.Namespace) -> tuple[Robot, str]:
     """The robot that the options ask for, and the text of its file.
 
-    It warns of inertias that the file lets pass. Raises `UsageError` if the options ask for no
-    robot, or for two.
+    The robot is derived anew, so NAME.toml and a robot that ships go before a module. It warns of
+    inertias that the file lets pass. Raises `UsageError` if the options ask for no robot, or for
+    two.
     """
     if options.robot is not None:
         if options.rotors is not None or options.links is not None:
             raise UsageError("give ROBOT, or --rotors and --links, not both")
-        robot, text = find_robot(options.robot)
+        from gibbs_codegen.robot.file import read_robot, shipped_robots
+
+        word, file = options.robot, f"{options.robot}.toml"
+        if not os.path.exists(word) and (os.path.isfile(file) or word in shipped_robots()):
+            robot, text = read_robot(file if os.path.isfile(file) else word)
+        else:
+            robot, text = find_robot(word)
         warn_of_inertias(robot)
         return robot, text
     if options.rotors is None or options.links is None:
@@ -53,8 +60,8 @@ def warn_of_inertias(robot: Robot) -> None:
 def find_robot(word: str) -> tuple[Robot, str]:
     """The robot that a word names, and the text of its file.
 
-    A file of that path comes first, then a module, then a robot that ships. Raises `RobotFileError`
-    if the file is rejected, and `UsageError` if there is no such robot.
+    A file of that path comes first, then a module, NAME.toml, and a robot that ships. Raises
+    `RobotFileError` if the file is rejected, and `UsageError` if there is no such robot.
     """
     from gibbs_codegen.robot.file import read_robot
     from gibbs_codegen.runtime.load import modules_made, robot_file

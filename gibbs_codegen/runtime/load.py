@@ -209,12 +209,12 @@ def _warn_of_changes(folder: Path) -> None:
 
 
 def robot_file(word: str) -> str:
-    """Path of the robot file in a module of a path, or of a name in `generated/`; else the word."""
+    """Path of the robot file in a module of a path, or of a name in `generated/`, or NAME.toml."""
     for folder in (Path(word), Path("generated", word)):
         if not os.path.isfile(word) and os.path.isfile(folder / "robot.toml"):
             _warn_of_changes(folder)
             return str(folder / "robot.toml")
-    return word
+    return file if not os.path.exists(word) and os.path.isfile(file := f"{word}.toml") else word
 
 
 def _module_that_ships(name: str) -> Path:
