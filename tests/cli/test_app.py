@@ -186,11 +186,14 @@ def test_new_writes_a_file_that_generates(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "exists already" in done.stderr
     assert (tmp_path / "My UAV.toml").read_text() == text
-    # The file may have been edited since, and the module has the old one.
-    (tmp_path / "My UAV.toml").rename(tmp_path / "my_uav.toml")
-    done = run("generate", "my_uav", cwd=tmp_path)
-    assert done.returncode == 2
-    assert "a robot file (my_uav.toml) and a module (generated/my_uav) match" in done.stderr
+    # The file was edited since: what derives takes it, what flies has the module of the old one.
+    (tmp_path / "My UAV.toml").unlink()
+    (tmp_path / "my_uav.toml").write_text(f"{text}\n# Edited.\n")
+    assert run("info", "my_uav", cwd=tmp_path).stderr == ""
+    done = run("export", "my_uav", "--format", "px4", cwd=tmp_path)
+    assert "my_uav.toml differs from the file that generated/my_uav was made of" in done.stderr
+    assert run("generate", "my_uav", cwd=tmp_path).returncode == 0
+    assert (tmp_path / "generated" / "my_uav" / "robot.toml").read_text().endswith("# Edited.\n")
 
 
 def test_new_shows_both_forms_of_a_body(tmp_path: Path) -> None:
