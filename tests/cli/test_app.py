@@ -513,12 +513,11 @@ def test_of_a_name_that_is_both_the_help_says_which_is_taken(tmp_path: Path) -> 
     (tmp_path / "other.toml").write_text(text.replace("gravity = 9.81", "gravity = 3.71"))
     assert "gravity = 3.71" in (tmp_path / "other.toml").read_text()
     assert run("generate", "other.toml", cwd=tmp_path).returncode == 0
+    file_first = "for a NAME, NAME.toml and a robot that ships go before a module"
+    module_first = "for a NAME, a module goes before NAME.toml and a robot that ships"
     taken = {
-        "info": "a robot that ships goes before a module",
-        "show": "a robot that ships goes before a module",
-        "generate": "a robot that ships goes before a module",
-        "verify": "a module goes before a robot that ships",
-        "simulate": "a module goes before a robot that ships",
+        **dict.fromkeys(("info", "show", "generate"), file_first),
+        **dict.fromkeys(("verify", "simulate", "export"), module_first),
     }
     for command, words in taken.items():
         assert words in " ".join(run(command, "--help", cwd=tmp_path).stdout.split())
