@@ -166,7 +166,7 @@ def test_a_dotted_key_has_a_line() -> None:
 def test_a_key_that_is_given_twice() -> None:
     (found,) = faults('name = "x"\nname = "y"\n')
     assert found.startswith("robot.toml:2: not valid TOML: Cannot overwrite a value")
-    assert found.endswith("give it once")
+    assert found.endswith("the key or table appears twice: remove one")
 
 
 @pytest.mark.parametrize("key", ["alpha_deg", "theta_deg"])

@@ -40,12 +40,13 @@ SCENARIOS = [
 
 # What the message of a fault may be: each says what would be right, or what cannot be.
 HELPFUL = re.compile(
-    r"missing|must |unknown key; (did you mean|known keys)|not valid TOML: |nested too deeply: at "
-    r"most|not UTF-8 text \(byte \d+\); save it as UTF-8|larger than \d+ bytes|give (at most|one|a"
-    r"s many)|use a lower-case letter|add a word|a direction of length zero; give|(belongs to|need"
-    r"s) .*: give|is not zero although the body has no mass|an inertia matrix is positive semidefi"
-    r"nite|no principal moment may exceed|lower it|take longer ones|the robot has no mass; give|gi"
-    r"ve the link a name|already; give another|: give it another name|leave it out; give it"
+    r"missing|must |unknown key; (did you mean|known keys)|not valid TOML: |nested too deeply: at"
+    r" most|not UTF-8 text \(byte \d+\); save it as UTF-8|larger than \d+ bytes|give (at most|one"
+    r"|as many)|use a lower-case letter|add a word|a direction of length zero; give|(belongs to|n"
+    r"eeds) .*[:;] give|give a scenario here|is not zero although the body has no mass|an inertia"
+    r" matrix is positive semidefinite|no principal moment may exceed|lower it|take longer ones|t"
+    r"he robot has no mass; give|give the link a name|already; give another|: give it another nam"
+    r"e|leave it out[;:] give it"
 )
 
 

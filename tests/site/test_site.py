@@ -49,7 +49,7 @@ def pages(shared: Path) -> dict[str, BeautifulSoup]:
 
     made_once(shared / "site", build)
     paths = [path for path in sorted(SITE.rglob("*.html")) if path.parent != SITE / "fly"]
-    paths = [path for path in paths if "_static" not in path.parts]
+    paths = [path for path in paths if not {"_static", ".cache"} & set(path.parts)]
     return {
         path.relative_to(SITE).as_posix(): BeautifulSoup(path.read_bytes(), "lxml")
         for path in paths

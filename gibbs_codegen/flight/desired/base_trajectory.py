@@ -199,7 +199,7 @@ def bounded_path(time: Array, path: Path, name: str) -> Array:
     with np.errstate(all="ignore"):
         values = path(time)
         beyond = ~np.all(np.abs(values) < BOUND, axis=(-1, -2))
-    check_none(time, beyond, f"the {name} or one of its derivatives becomes infinite")
+    check_none(time, beyond, f"the {name} or one of its derivatives exceeds {BOUND:g}")
     return values
 
 

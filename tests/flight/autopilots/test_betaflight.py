@@ -332,7 +332,7 @@ def test_senses_of_rotors_that_the_firmware_does_not_have_are_told(
         ("0,1500,nan", r"t\.csv:1: channel 2: must be a pulse width from 500 to 2500 µs, not nan"),
         ("0,0.5", r"channel 1: must be a pulse width .* not 0\.5"),
         ("0", r"1 to 16 channels, not 0"),
-        ("", r"t\.csv: has no line"),
+        ("", r"t\.csv: is empty; give lines"),
     ],
 )
 def test_sticks_that_cannot_be_meant(table: str, words: str) -> None:
