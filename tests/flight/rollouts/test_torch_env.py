@@ -174,7 +174,7 @@ def test_targets_swing_and_disturbances_act_as_in_a_vector_environment(
 def test_what_it_does_not_have_is_refused(robot: ModuleType) -> None:
     with pytest.raises(UsageError, match="TorchEnv has no precision, threads; leave it out"):
         environment(robot, 2, precision="single", threads=2)
-    with pytest.raises(UsageError, match="TorchEnv has no motion, task; leave out"):
+    with pytest.raises(UsageError, match="TorchEnv has no motion, task; leave it out"):
         environment(robot, 2, motion=None, task="reach")
     envs = environment(robot, 2)
     envs.reset(seed=0)
