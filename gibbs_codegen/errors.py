@@ -149,10 +149,10 @@ class SingularRobotError(GibbsCodegenError):
         ]
         if len(self.motions) > _MOTIONS:
             listed.append(f"and {len(self.motions) - _MOTIONS} more")
-        what = "; ".join(listed)
+        moving = "; ".join(listed)
         if ill_conditioned:
             super().__init__(
-                f"{robot}: the mass matrix is ill-conditioned: the inertia that {what} moves is "
+                f"{robot}: the mass matrix is ill-conditioned: the inertia that {moving} moves is "
                 "lost in the rounding of the rest, so its acceleration is not determined; give "
                 "what it moves more mass or inertia, or the rest less"
             )
@@ -162,8 +162,8 @@ class SingularRobotError(GibbsCodegenError):
         if any(len(motion) > 1 for motion in self.motions):
             advice += "; where coordinates move together, give it to what lies between them"
         super().__init__(
-            f"{robot}: massless {noun} of freedom, whose acceleration is not determined: {what}; "
-            f"{advice}"
+            f"{robot}: massless {noun} of freedom, whose acceleration is not determined: "
+            f"{moving}; {advice}"
         )
 
     @property

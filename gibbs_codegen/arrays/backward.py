@@ -252,8 +252,8 @@ def _of_call(
                     yield place, widened(bar, x.arguments[place])
             continue
         # Weights are of any of its outputs.
-        own = x.operation if isinstance(x.operation, nodes.Call) else call
-        slopes = call_slopes(own, x, places)
+        callee = x.operation if isinstance(x.operation, nodes.Call) else call
+        slopes = call_slopes(callee, x, places)
         for place in places:
             matrix = nodes.reshaped(slopes[place], (w.size, slopes[place].shape[-1]))
             bar = matrix.transposed @ nodes.reshaped(w, (w.size,))

@@ -392,7 +392,7 @@ class CProgram:
         return self.places[x]
 
     def entry(self, x: Node, index: Index, wanted: bool = False) -> str:
-        """An entry of a node; `wanted` tells that it must be a number, not a real."""
+        """An entry of a node; where `wanted`, a number, not a real."""
         text = self._entry(x, index).text
         return self._same(text) if wanted and self.uniform(x) else text
 
@@ -866,11 +866,11 @@ _TAKEN = _RESERVED | set(_KEYWORDS.split())
 
 def _check_names(program: Program) -> None:
     """Raise `UsageError` for names that C reserves, that are no names, or that come twice."""
-    own = [*program.names, *program.outputs]
+    names = [*program.names, *program.outputs]
     wrong = [
         name
-        for name in dict.fromkeys((program.name, *own))
-        if not (name.isascii() and name.isidentifier()) or name in _TAKEN or own.count(name) > 1
+        for name in dict.fromkeys((program.name, *names))
+        if not (name.isascii() and name.isidentifier()) or name in _TAKEN or names.count(name) > 1
     ]
     if wrong:
         raise UsageError(

@@ -24,7 +24,7 @@ Modules = Mapping[str, Any]
 Externals = Mapping[str, Callable[..., Any]]
 
 
-class Given(NamedTuple):
+class Context(NamedTuple):
     """Values of a call beside inputs: constants by owner, and externals by name."""
 
     constants: Mapping[str, Any]
@@ -34,18 +34,18 @@ class Given(NamedTuple):
 class Step(NamedTuple):
     """A function of nodes; what has one `key` is computed once, and one of its results `chosen`.
 
-    What is called `is_given` what differs from call to call first.
+    A function that `takes_context` has that of the call as its first argument.
     """
 
     function: Callable[..., Any]
     reads: tuple[Node, ...]
     key: Any = None
     chosen: int | str | None = None
-    is_given: bool = False
+    takes_context: bool = False
 
 
 class Evaluation:
-    """The values of programs in one language; see `evaluate` for what it is given.
+    """The values of programs in one language; `evaluate` has its inputs.
 
     What each node reads, and what is done with it, is looked up once for each program. No text is
     made of it: text is never run here.
@@ -55,12 +55,14 @@ class Evaluation:
         self.modules = modules
         self._prepared: dict[Program, Callable[..., dict[str, Any]]] = {}
 
-    def program(self, program: Program, arguments: Sequence[Any], call: Given) -> dict[str, Any]:
+    def program(
+        self, program: Program, arguments: Sequence[Any], context: Context
+    ) -> dict[str, Any]:
         """The outputs for arrays in the order of the inputs."""
         prepared = self._prepared.get(program)
         if prepared is None:
             prepared = self._prepared[program] = self._prepare(program)
-        return prepared(call, *arguments)
+        return prepared(context, *arguments)
 
     def _prepare(self, program: Program) -> Callable[..., dict[str, Any]]:
         """A function that takes the steps that outputs need, in an order in which they can be."""
@@ -82,9 +84,9 @@ class Evaluation:
 
         for x in program.nodes:
             if x in made:
-                function, reads, key, chosen, is_given = made[x]
+                function, reads, key, chosen, takes_context = made[x]
                 if key is None or key not in places:
-                    read = [*([0] if is_given else []), *(places[y] for y in reads)]
+                    read = [*([0] if takes_context else []), *(places[y] for y in reads)]
                     places[x if key is None else key] = take(function, read)
                 if chosen is not None:
                     places[x] = take(operator.itemgetter(chosen), [places[key]])
@@ -92,8 +94,8 @@ class Evaluation:
                     places[x] = places[key]
         outputs = {name: places[x] for name, x in program.outputs.items()}
 
-        def evaluated(call: Given, *arguments: Any) -> dict[str, Any]:
-            values: list[Any] = [call, *arguments]
+        def evaluated(context: Context, *arguments: Any) -> dict[str, Any]:
+            values: list[Any] = [context, *arguments]
             for function, read, is_one in steps:
                 values.append(function(read(values)) if is_one else function(*read(values)))
             return {name: values[place] for name, place in outputs.items()}
@@ -104,14 +106,14 @@ class Evaluation:
         """The step that computes the value of a node."""
         match x.operation:
             case nodes.Call(functions, name, output):
-                module = _given(self.modules, functions.owner, "module")
+                module = _entry(self.modules, functions.owner, "module")
                 function = _with_constants(self.function(module, name, x), functions.owner)
                 chosen = output if len(FUNCTIONS[name].outputs) > 1 else None
                 return Step(function, x.arguments, (functions, name, x.arguments), chosen, True)
             case nodes.Invocation(program, name):
                 return self._invoked(program, name, x.arguments)
             case nodes.External(name):
-                return Step(_external(name), x.arguments, is_given=True)
+                return Step(_external(name), x.arguments, takes_context=True)
             case nodes.Entries() | nodes.Coordinates():
                 return Step(_same, x.arguments, x.arguments[0])
             case _:
@@ -123,10 +125,10 @@ class Evaluation:
         inside = set(program.nodes)
         read = [x in inside for x in program.inputs]
 
-        def function(call: Given, *values_read: Any) -> dict[str, Any]:
+        def function(context: Context, *values_read: Any) -> dict[str, Any]:
             values = iter(values_read)
             arguments = [next(values) if is_read else None for is_read in read]
-            return self.program(program, arguments, call)
+            return self.program(program, arguments, context)
 
         reads = tuple(itertools.compress(arguments, read))
         return Step(function, reads, (program, arguments), name, True)
@@ -144,8 +146,8 @@ class Evaluation:
 def _with_constants(function: Callable[..., Any], owner: str) -> Callable[..., Any]:
     """A function of a module with the constants of an owner, or those of the robot file."""
 
-    def called(call: Given, *arguments: Any) -> Any:
-        constants = call.constants.get(owner)
+    def called(context: Context, *arguments: Any) -> Any:
+        constants = context.constants.get(owner)
         if constants is None:
             return function(*arguments)
         return function(*arguments, constants=constants)
@@ -155,14 +157,16 @@ def _with_constants(function: Callable[..., Any], owner: str) -> Callable[..., A
 
 def _external(name: str) -> Callable[..., Any]:
     """A function written by hand, as the caller gives it."""
-    return lambda call, *arguments: _given(call.externals, name, "external function")(*arguments)
+    return lambda context, *arguments: _entry(context.externals, name, "external function")(
+        *arguments
+    )
 
 
-def _given(things: Mapping[str, Any], name: str, what: str) -> Any:
+def _entry(entries: Mapping[str, Any], name: str, kind: str) -> Any:
     """The caller's value under a name that the program has."""
-    if name not in things:
-        raise UsageError(f"no {what} is given for {name!r}")
-    return things[name]
+    if name not in entries:
+        raise UsageError(f"no {kind} is given for {name!r}")
+    return entries[name]
 
 
 def _same(x: Any) -> Any:
@@ -373,7 +377,7 @@ def evaluate(
 
 
 class Evaluator:
-    """A program that is evaluated again and again; see `evaluate` for what it is given."""
+    """A program that is evaluated again and again; `evaluate` has its inputs."""
 
     def __init__(self, program: Program, modules: Modules, xp: Any = np) -> None:
         self._program, self._xp = program, xp
@@ -389,14 +393,14 @@ class Evaluator:
         """The outputs for arrays by the names of the inputs."""
         named = _inputs(self._program, inputs)
         arrays = [_array(self._xp, inputs, name, x) for name, x in named]
-        call = Given(constants or {}, externals or {})
+        context = Context(constants or {}, externals or {})
         axes = [len(x.shape) for x in self._program.inputs]
         if self._one is not None and all(x.ndim == n for x, n in zip(arrays, axes, strict=True)):
             try:
-                return self._one.program(self._program, [x[()] for x in arrays], call)
+                return self._one.program(self._program, [x[()] for x in arrays], context)
             except _SeveralStatesError:
                 pass  # Constants have leading axes.
-        return self._batches.program(self._program, arrays, call)
+        return self._batches.program(self._program, arrays, context)
 
 
 def _inputs(program: Program, inputs: Mapping[str, Any]) -> zip[tuple[str, Node]]:
@@ -521,4 +525,4 @@ def evaluate_casadi(
         UsageError: If inputs, modules or externals are missing.
     """
     values = [inputs[name] for name, _ in _inputs(program, inputs)]
-    return _Casadi(modules).program(program, values, Given(constants or {}, externals or {}))
+    return _Casadi(modules).program(program, values, Context(constants or {}, externals or {}))

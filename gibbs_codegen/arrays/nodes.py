@@ -785,15 +785,15 @@ def substituted(
     made = dict(arguments)
     for x in program.nodes:
         if x not in made:
-            operation, given = x.operation, [made[y] for y in x.arguments]
+            operation, operands = x.operation, [made[y] for y in x.arguments]
             if isinstance(operation, Invocation):
-                inner, varies = operation.program, [not y.is_uniform for y in given]
+                inner, varies = operation.program, [not y.is_uniform for y in operands]
                 if any(
                     y.is_uniform and differs
                     for y, differs in zip(inner.inputs, varies, strict=True)
                 ):
                     operation = replace(operation, program=inner.of_states)
-            made[x] = changed(node(operation, given, x.shape, x.space))
+            made[x] = changed(node(operation, operands, x.shape, x.space))
     return {name: made[x] for name, x in program.outputs.items()}
 
 

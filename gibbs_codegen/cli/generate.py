@@ -27,14 +27,14 @@ def run(options: argparse.Namespace) -> int:
         place = Path(options.robot)
         kept = kept_options(place.parent if place.is_file() else place)
     _repeat(options, kept)
-    what = (
+    request = (
         *(robot, text, options.out),
         *(options.target or DEFAULT_TARGETS, bool(options.all_parameters)),
     )
     chosen = options.derivatives or False, options.functions, options.laws or ()
     if options.check:
         with terminal.progress() as progress:
-            folder, differing = pipeline.check_robot(*what, progress, *chosen)
+            folder, differing = pipeline.check_robot(*request, progress, *chosen)
         if not differing:
             print(f"{printable(folder)}: up to date")
             return 0
@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
     start = time.perf_counter()
     with terminal.progress() as progress:
         model, folder = pipeline.generate_robot(
-            *what, progress, not options.no_verify, options.force, *chosen
+            *request, progress, not options.no_verify, options.force, *chosen
         )
     words = (
         f"{printable(folder)}: {len(model.signatures)} functions of "

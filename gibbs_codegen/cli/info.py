@@ -259,19 +259,19 @@ def _print_actuators(robot: Robot, console: Console) -> None:
         parts += [("servo of", name, link.servo), ("friction of", name, link.friction)]
         parts += [("motor of", name, link.motor)]
     alike: dict[tuple[str, str], list[str]] = {}
-    for what, name, part in (*parts, ("", "battery", robot.battery)):
+    for part_kind, name, part in (*parts, ("", "battery", robot.battery)):
         if part and (keys := changed_keys(part, *_IN_TABLE)):
             values = (_listed(x if isinstance(x, tuple) else (x,)) for x in keys.values())
             text = "; ".join(map(" ".join, zip(keys, values, strict=True)))
-            alike.setdefault((what, text), []).append(name)
-    told = "; max_thrust and thrust_constant are shown as thrust_curve" * any(
+            alike.setdefault((part_kind, text), []).append(name)
+    note = "; max_thrust and thrust_constant are shown as thrust_curve" * any(
         "_curve" in x for _, x in alike
     )
     if alike:
-        console.print(f"\nActuators, by the keys of the robot file (SI units){told}")
-    for (what, text), names in alike.items():
-        kind = "rotors" if what == "rotor" and len(names) > 1 else what
-        console.print(f"{kind} {_each('', names, 0, '').strip()}: {text}".strip(), markup=False)
+        console.print(f"\nActuators, by the keys of the robot file (SI units){note}")
+    for (part_kind, text), names in alike.items():
+        kind = "rotors" if part_kind == "rotor" and len(names) > 1 else part_kind
+        console.print(f"{kind} {_numbered('', names, 0, '').strip()}: {text}".strip(), markup=False)
 
 
 def _listed(values: Sequence[float | str]) -> str:
@@ -442,8 +442,10 @@ def _chain_table(robot: Robot, data: dict[str, Any]) -> Table:
         table.add_row(
             str(chain["number"]),
             " → ".join(bodies),
-            _each("arm", massive, len(bodies), "all its bodies"),
-            _each("motor", [rotor_label(robot, k) for k in chain["motors"]], rotors, "all rotors"),
+            _numbered("arm", massive, len(bodies), "all its bodies"),
+            _numbered(
+                "motor", [rotor_label(robot, k) for k in chain["motors"]], rotors, "all rotors"
+            ),
             str(len(chain["coordinates"])),
             ", ".join(chain["unknowns"][len(chain["coordinates"]) :]) or "-",
         )
@@ -456,11 +458,11 @@ def _link(robot: Robot, i: int) -> str:
     return link_label(robot, i) if named else str(robot.rotors + i)
 
 
-def _each(what: str, labels: Sequence[str], count: int, every: str) -> str:
-    """Bodies or rotors by their labels, `every` if all of `count`; `what` is said of numbers."""
+def _numbered(kind: str, labels: Sequence[str], count: int, whole: str) -> str:
+    """Bodies or rotors by their labels, numbers after `kind`; `whole` where these are all."""
     if labels and all(map(str.isdigit, labels)):
-        return f"{what} {_ranges([*map(int, labels)])}"
-    return every if len(labels) == count > 1 else ", ".join(labels) or "-"
+        return f"{kind} {_ranges([*map(int, labels)])}"
+    return whole if len(labels) == count > 1 else ", ".join(labels) or "-"
 
 
 def _coordinate_table(title: str, coordinates: tuple[Coordinate, ...]) -> Table:

@@ -28,8 +28,8 @@ def run(options: argparse.Namespace) -> int:
         terminal.progress_bar() as progress,
     ):
         module = load(folder, "c" if scenario else "numpy")
-        given = options.log, names, options.rate, options.cutoff, scenario
-        flight = read_log(module, *given)
+        request = options.log, names, options.rate, options.cutoff, scenario
+        flight = read_log(module, *request)
         write_results(flight, options.out, progress=progress, formats=options.format)
     samples = f"{len(flight.time)} samples of {flight.time[-1]:.4g} s"
     print(f"{printable(options.out)}: {flight.robot}, {samples}, by {flight.scenario}")

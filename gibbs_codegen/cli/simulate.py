@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
         flown = time.perf_counter() - start - compiled
         written = options.out, True, options.animate or "", progress, options.format, workers
         write_results(flight, *written)
-    moved, what = ("flew", "flight") if flight.rotors else ("moved by", "motion")
+    moved, noun = ("flew", "flight") if flight.rotors else ("moved by", "motion")
     print(
         f"{printable(options.out)}: {flight.robot} {moved} {flight.scenario!r} for "
         f"{flight.time[-1]:.4g} s, computed in {flown:.1f} s"
@@ -85,12 +85,12 @@ def run(options: argparse.Namespace) -> int:
     if flight.timing:
         print(f"timing: {printable(flight.timing)}")
     times = flight.binding_times[:_MOST_LIMITS]
-    for (begin, end), what in zip(times, flight.binding, strict=False):
-        print(f"  {begin:7.3f} to {end:7.3f} s: {what}")
+    for (begin, end), limit in zip(times, flight.binding, strict=False):
+        print(f"  {begin:7.3f} to {end:7.3f} s: {limit}")
     if more := len(flight.binding) - len(times):
         print(f"  and {more} more: see `binding` in {printable(options.out)}/flight.npz")
     if flight.stopped:
-        print(f"gibbs-codegen: the {what} ended early: {flight.stopped}", file=sys.stderr)
+        print(f"gibbs-codegen: the {noun} ended early: {flight.stopped}", file=sys.stderr)
         return 1
     return 0
 
@@ -213,12 +213,12 @@ def collisions_of(flight: Flight) -> str:
     walls = enumerate(flight.wall_distances.T, 1)
     distances += [(either, f"behind wall {k}", values) for k, values in walls]
     clauses = []
-    for what, where, values in distances:
+    for subject, where, values in distances:
         finite = np.where(np.isnan(values), np.inf, values)
         sample = int(finite.argmin())
         if finite[sample] < 0.0:
             far, time = -finite[sample], flight.time[sample]
-            clauses.append(f"a {what} is {far:.3g} m {where} at t = {time:.3g} s")
+            clauses.append(f"a {subject} is {far:.3g} m {where} at t = {time:.3g} s")
     return "; ".join(clauses)
 
 

@@ -51,10 +51,10 @@ def run(options: argparse.Namespace) -> int:
     start, done = time.perf_counter(), 0.0
     with terminal.progress_bar() as bar:
 
-        def progress(what: str, share: float) -> None:
+        def progress(stage: str, share: float) -> None:
             nonlocal done
             done = share
-            bar(what, share)
+            bar(stage, share)
 
         try:
             study = sweep(
@@ -174,10 +174,10 @@ def print_study(study: Study, seconds: float) -> None:
         print(f"case {case} again:\n  {command}")
 
 
-def _print_reasons(what: str, study: Study, column: str) -> None:
+def _print_reasons(outcome: str, study: Study, column: str) -> None:
     """Print the reasons of a column, the most frequent first, each with a case that has it.
 
-    `what` is what became of the flights.
+    `outcome` is how the flights ended.
     """
     rows = study.table[study.table[column] != ""]
     # Times and amounts are others in every flight.
@@ -185,11 +185,11 @@ def _print_reasons(what: str, study: Study, column: str) -> None:
     frequent = Counter(kinds).most_common()
     for kind, count in frequent[:_MOST_REASONS]:
         first = rows[kinds.index(kind)]
-        print(f"  {what}, {count}, as case {first['case']}: {printable(first[column], 300)}")
+        print(f"  {outcome}, {count}, as case {first['case']}: {printable(first[column], 300)}")
         if column != "unmeasured":  # A command that flies it again does not measure it.
             print(f"    {study.command(first['case'])}")
     if more := frequent[_MOST_REASONS:]:
-        print(f"  {what}, {sum(count for _, count in more)} for other reasons; see table.csv")
+        print(f"  {outcome}, {sum(count for _, count in more)} for other reasons; see table.csv")
 
 
 def _print_sensitivities(study: Study, console: Console) -> None:

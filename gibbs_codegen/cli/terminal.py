@@ -51,12 +51,12 @@ def print_table(table: Table, console: Console) -> None:
 
 
 @contextmanager
-def progress(what: str = "deriving the equations of the robot") -> Iterator[Progress]:
+def progress(stage: str = "deriving the equations of the robot") -> Iterator[Progress]:
     """A spinner that names the step at work, on a terminal; in a pipe a line if it takes long."""
     if not sys.stderr.isatty():
         from gibbs_codegen.runtime.c_library import announced  # Late: it takes time to import.
 
-        with announced(what):
+        with announced(stage):
             yield lambda _: None
         return
     with Console(stderr=True).status("starting") as status:
@@ -67,16 +67,16 @@ def progress(what: str = "deriving the equations of the robot") -> Iterator[Prog
 def progress_bar() -> Iterator[Callable[[str, float], None]]:
     """A bar for each thing that is being done; in a pipe a line for each detail behind a colon."""
     if not sys.stderr.isatty():
-        yield lambda what, share: print(what, file=sys.stderr) if ": " in what else None
+        yield lambda stage, share: print(stage, file=sys.stderr) if ": " in stage else None
         return
     with Bars(console=Console(stderr=True), transient=True) as bars:
         tasks: dict[str, Any] = {}
 
-        def show(what: str, share: float) -> None:
-            thing = what.partition(": ")[0]
-            if thing not in tasks:
-                tasks[thing] = bars.add_task(thing, total=1.0)
-            bars.update(tasks[thing], description=what, completed=share)
+        def show(stage: str, share: float) -> None:
+            task = stage.partition(": ")[0]
+            if task not in tasks:
+                tasks[task] = bars.add_task(task, total=1.0)
+            bars.update(tasks[task], description=stage, completed=share)
 
         yield show
 

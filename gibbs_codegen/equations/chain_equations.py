@@ -235,7 +235,7 @@ def gibbs_function(readable: ReadableChain, most: int) -> ChainEquation:
 def _equation(
     readable: ReadableChain,
     number: int,
-    what: str,
+    title: str,
     names: dict[sp.Symbol, Name],
     lines: Sequence[Definition],
     **parts: Any,
@@ -243,7 +243,7 @@ def _equation(
     """An equation of a chain, with names for what its lines number."""
     chain = readable.chain.number
     return ChainEquation(
-        *(readable.robot.name, chain, number, f"{what} of chain {chain}"),
+        *(readable.robot.name, chain, number, f"{title} of chain {chain}"),
         *(names | step_names(lines), tuple(lines)),
         quasi=readable.quasi,
         **parts,
@@ -277,8 +277,8 @@ def gibbs_partials(readable: ReadableChain, most: int) -> ChainEquation:
         latex = f"\\frac{{\\partial S_{{{chain}}}}}{{\\partial {by.latex}}}"
         shown[symbol] = Name(latex, f"∂S_{chain}/∂{by.text}", Kind.RESULT, "")
         lines.append((symbol, row))
-    what = "Partial derivatives of the Gibbs function"
-    return _equation(readable, 5, what, shown, lines, closed=system is not None)
+    title = "Partial derivatives of the Gibbs function"
+    return _equation(readable, 5, title, shown, lines, closed=system is not None)
 
 
 def equations_of_motion(readable: ReadableChain, most: int) -> ChainEquation:

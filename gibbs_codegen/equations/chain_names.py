@@ -133,8 +133,8 @@ def _moving(
         (Kind.RATE, "dot", f"{_RATE} ({unit}/s)"),
         (Kind.ACCELERATION, "ddot", f"{_ACCELERATION} ({unit}/s²)"),
     )
-    for symbol, (kind, mark, what) in zip(symbols, kinds, strict=True):
-        yield symbol, name(letter, index, kind, f"{meaning}{what}", mark)
+    for symbol, (kind, mark, ending) in zip(symbols, kinds, strict=True):
+        yield symbol, name(letter, index, kind, f"{meaning}{ending}", mark)
 
 
 def jointed_links(robot: Robot, chain: Chain) -> list[int]:

@@ -92,8 +92,8 @@ def check_chain(robot: Robot, number: int) -> None:
     """Raise `UsageError` if a robot has no chain of a number, or springs that lead to others."""
     if robot.springs or robot.is_geared:
         by_gears = "wheels that turn" if robot.wheels else "gears"
-        what = "springs between frames" if robot.springs else by_gears
-        raise UsageError(f"{robot.name}: chains cannot be shown with {what}")
+        obstacle = "springs between frames" if robot.springs else by_gears
+        raise UsageError(f"{robot.name}: chains cannot be shown with {obstacle}")
     chains = len(decompose(robot))
     if not 1 <= number <= chains:
         only = "only chain 1" if chains == 1 else f"chains 1 to {chains}"

@@ -1,7 +1,7 @@
 """An arm joined to a drone, each a robot of its own before, whatever its file was.
 
-What the arm has as its base becomes part of the body that carries it. A name that both have is told
-when the file that is made of them is read; a prefix to the arm's names tells them apart.
+What the arm has as its base becomes part of the body that carries it. The reader of the new file
+rejects a name that both have; a prefix to the arm's names tells them apart.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Parameters of autopilots for a robot: an airframe file of PX4, or a list for ArduPilot.
 
-Autopilots know a body with rotors, seen from its centre of mass, and servos. What of a robot they
-cannot be told is told in words.
+Autopilots know a body with rotors, seen from its centre of mass, and servos. Comments name
+what of a robot their parameters cannot say.
 """
 
 from __future__ import annotations
@@ -171,8 +171,8 @@ def px4_text(robot: Robot) -> tuple[str, list[str]]:
     if seen.hover is not None:
         values["MPC_THR_HOVER"] = seen.hover
     lines = [f"param set-default {name} {value:.9g}" for name, value in values.items()]
-    for channel, (what, function) in enumerate(outputs.items(), start=1):
-        lines += ["", *_wrapped(f"{what}{_travel(robot, what)}")]
+    for channel, (output, function) in enumerate(outputs.items(), start=1):
+        lines += ["", *_wrapped(f"{output}{_travel(robot, output)}")]
         lines.append(f"param set-default PWM_MAIN_FUNC{channel} {function}")
     places = ": axes are FRD, and positions are from the centre of mass"
     head = ["#!/bin/sh", "#", f"# @name {robot.name}", "#", "# @type Multirotor"]
@@ -200,10 +200,10 @@ def _report(seen: _Vehicle) -> list[str]:
     return [*battery, *(f"mind: {words}" for words in seen.words)]
 
 
-def _travel(robot: Robot, what: str) -> str:
+def _travel(robot: Robot, output: str) -> str:
     """For a joint, what outputs of −1 and 1 are, where it has limits."""
     limits = {f"joint {coordinate_of(robot, i)}": robot.links[i - 1] for i in robot.moving}
-    link = limits.get(what)
+    link = limits.get(output)
     if link is None or link.limits.low is None or link.limits.high is None:
         return ""
     unit = "rad" if link.joint == "revolute" else "m"

@@ -76,12 +76,12 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
             "instead"
         )
     # What makes thrusts and torques of commands: these are the inputs of what is written, but in
-    # SDF, where motors are told for themselves.
+    # SDF, which has elements for motors.
     kinds = {"thrust curves of the rotors": "has_drive", "air on rotors": "feels_air"}
-    for what, key in kinds.items():
+    for role, key in kinds.items():
         rotors = [rotor.name for rotor in source.rotors if getattr(rotor, key)]
         if rotors and form != "sdf":
-            missing.append(f"{what}: {', '.join(rotors)}")
+            missing.append(f"{role}: {', '.join(rotors)}")
     written = [loop.name for loop in source.constraints if form == "mjcf"]
     for kind, ties in robot.by_kind.items():
         if lost := [tie.name for tie in ties if tie.name not in written]:
@@ -95,7 +95,7 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
         f"time constants of {', '.join(slow)}": slow,
         f"gravity of {source.gravity:g} m/s²": form != "mjcf" and source.gravity != 9.81,
     }
-    missing += [what for what, there in others.items() if there]
+    missing += [part for part, there in others.items() if there]
     source, renamed = with_free_names(replace(source, joints=tuple(joints)), form)
     lines = [*(f"left out: {line}" for line in missing), *renamed]
     if (motion := robot.base.motion) in LEVEL_MOTIONS and (moved := robot.base.moved):
@@ -127,14 +127,14 @@ def with_free_names(source: sources.Source, form: Format) -> tuple[sources.Sourc
         rotors, frames = sources.FreeNames(), sources.FreeNames()
     lines: list[str] = []
 
-    def free(names: sources.FreeNames, what: str, name: str, wanted: str | None = None) -> str:
+    def free(names: sources.FreeNames, kind: str, name: str, wanted: str | None = None) -> str:
         plain = name
         if shared:  # There `::` goes between names of models, and `__…__` are reserved.
-            plain = name.replace("::", "_").strip("_" if name.startswith("__") else "") or what
-            plain = f"{plain}_{what}" if plain in names else plain
+            plain = name.replace("::", "_").strip("_" if name.startswith("__") else "") or kind
+            plain = f"{plain}_{kind}" if plain in names else plain
         label = names.free(wanted or plain)
         if label != name:
-            lines.append(f"renamed: {what} {printable(name, 60)} is {label}")
+            lines.append(f"renamed: {kind} {printable(name, 60)} is {label}")
         return label
 
     moved = {j.child: free(joints, "joint", j.name) for j in source.joints if j.kind != "fixed"}

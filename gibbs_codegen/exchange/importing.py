@@ -185,7 +185,7 @@ KINDS: dict[Kind, str] = {
     "note": "worth a look",
 }
 _WIDTH = 99
-# Characters of what is told of one thing.
+# Most characters of a finding.
 MOST_TOLD = 240
 
 

@@ -275,8 +275,8 @@ class _CompiledModel:
             self._report(name, f"limits of its commands, {low:.6g} to {high:.6g}")
         return Servo(stiffness=-float(length) * gear**2, damping=damping, delay=lag)
 
-    def _report(self, what: str, why: str, kind: sources.Kind = "left out") -> None:
-        self.findings.append(sources.Finding(kind, what, why))
+    def _report(self, subject: str, reason: str, kind: sources.Kind = "left out") -> None:
+        self.findings.append(sources.Finding(kind, subject, reason))
 
     def _constraints(self, bodies: Sequence[int]) -> Iterator[sources.SourceConstraint]:
         """Constraints between such bodies, or of one of them and the world."""
@@ -313,18 +313,18 @@ class _CompiledModel:
 
     def _add_gear(self, k: int, name: str) -> None:
         """Note the gear of an equality of joints, or of a fixed tendon, whose first others move."""
-        model, data, what = self.model, self.model.eq_data[k], "joints"
+        model, data, elements = self.model, self.model.eq_data[k], "joints"
         first, second = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
         joints, shares = np.array([first, second]), np.array([1.0, -data[1]])
         is_gear = bool(model.eq_active0[k]) and second >= 0 and not data[2:5].any()
         if model.eq_type[k] == _TENDON:
             begin, count = model.tendon_adr[first], model.tendon_num[first]
             wraps = slice(begin, begin + count)
-            joints, shares, what = model.wrap_objid[wraps], model.wrap_prm[wraps], "tendons"
+            joints, shares, elements = model.wrap_objid[wraps], model.wrap_prm[wraps], "tendons"
             along = count > 1 and (model.wrap_type[wraps] == _ALONG_JOINT).all()
             is_gear = bool(model.eq_active0[k] and second < 0 and along and shares[0])
         if not is_gear:
-            self._report(name, f"an equality of {what} that is not a gear")
+            self._report(name, f"an equality of {elements} that is not a gear")
             return
         moved, *movers = (self.joint_names[j] for j in joints)
         if moved in self._gears:
@@ -435,7 +435,7 @@ class _CompiledModel:
         return Link(sources.NO_BODY, passive=passive, limits=limits, servo=servo, friction=friction)
 
 
-def _names(given_names: list[str], what: str) -> list[str]:
+def _names(labels: list[str], kind: str) -> list[str]:
     """Names of bodies or joints; of those without one what they are, a word, with the number."""
-    names = sources.FreeNames(given_names)
-    return [name or names.free(f"{what}_{number}") for number, name in enumerate(given_names)]
+    names = sources.FreeNames(labels)
+    return [name or names.free(f"{kind}_{number}") for number, name in enumerate(labels)]

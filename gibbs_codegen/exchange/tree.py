@@ -172,35 +172,35 @@ def anchored(source: Source, motion: Motion | None, base: str | None) -> Source:
     way = _way_from_world(source, base)
     kinds = {joint.kind: k for k, joint in enumerate(way)}
     moved = [joint for joint in way if joint.kind in _SINGLE]
-    names, said, reason = _virtual(source, way), source.motion, source.reason
+    names, chosen, reason = _virtual(source, way), source.motion, source.reason
     if "floating" in kinds:
-        said, reason = FREE, f"joint {way[kinds['floating']].name} is floating"
+        chosen, reason = FREE, f"joint {way[kinds['floating']].name} is floating"
     elif "planar" in kinds:
-        said = motion or _plane(source, way[: kinds["planar"] + 1])
+        chosen = motion or _plane(source, way[: kinds["planar"] + 1])
         reason = f"joint {way[kinds['planar']].name} is planar"
     elif names:
-        said, reason = names, f"joints {', '.join(names)} lead from the world to it"
+        chosen, reason = names, f"joints {', '.join(names)} lead from the world to it"
     elif _is_world(source, source.root):
-        said, reason = FIXED, f"it hangs on link {source.root}"
+        chosen, reason = FIXED, f"it hangs on link {source.root}"
     if moved and not names:
         if base or motion not in (None, FIXED):
-            said = FREE
+            chosen = FREE
         else:
             way, moved = way[: way.index(moved[0])], []
     if motion is not None:
-        said, reason = motion, "asked for"
+        chosen, reason = motion, "asked for"
     above, root = {joint.parent for joint in way}, way[-1].child if way else source.root
     words = f"a joint between the world and {root}"
     return source.reported(
-        *(Finding("left out", joint.name, words) for joint in moved if said != names),
+        *(Finding("left out", joint.name, words) for joint in moved if chosen != names),
         root=root,
         links={name: link for name, link in source.links.items() if name not in above},
         joints=tuple(joint for joint in source.joints if joint not in way),
         constraints=tuple(_to_world(loop, above) for loop in source.constraints),
         anchors=source.anchors | {joint.name for joint in way},
-        motion=said,
+        motion=chosen,
         reason=reason,
-        pose=HERE if said == FREE else _placed_at_zero(source, way)[-1][1],
+        pose=HERE if chosen == FREE else _placed_at_zero(source, way)[-1][1],
     )
 
 

@@ -106,15 +106,15 @@ class Values:
             self.fault(element, f"has no {self.label(key)}")
         return default or 0.0
 
-    def of_text(self, element: Element, what: str, text: str) -> float:
-        """The number that a text holds, 0 if it is faulty; `what` is what it is called."""
+    def of_text(self, element: Element, subject: str, text: str) -> float:
+        """The number that a text holds, 0 if it is faulty; messages call it `subject`."""
         try:
             value = float(text) if "_" not in text else math.nan
         except ValueError:
             value = math.nan
         if not abs(value) <= MOST:
             is_not = printable(text, 40) or "an empty text"
-            words = f"{what} must be a finite number up to {MOST:g} in size, not {is_not}"
+            words = f"{subject} must be a finite number up to {MOST:g} in size, not {is_not}"
             self.fault(element, words)
             return 0.0
         return value if abs(value) >= LEAST else 0.0
@@ -210,13 +210,13 @@ class Values:
             return AXES["x"]
         return axis if abs(size - 1.0) <= 4e-16 else vector(np.array(axis) / size)
 
-    def numbers(self, element: Element, text: str, count: int, what: str = "") -> list[float]:
-        """So many numbers of a text; `what` is what it is called, if it is not the element's."""
+    def numbers(self, element: Element, text: str, count: int, subject: str = "") -> list[float]:
+        """So many numbers of a text; messages call them `subject`, if it is not empty."""
         words = text.split()
         if len(words) != count:
-            self.fault(element, f"{what} must have {count} numbers, not {len(words)}".strip())
+            self.fault(element, f"{subject} must have {count} numbers, not {len(words)}".strip())
             return [0.0] * (count - 1) + [-1.0]  # A direction, a turn or downwards, as it may be.
-        return [self.of_text(element, what or "each of its entries", word) for word in words]
+        return [self.of_text(element, subject or "each of its entries", word) for word in words]
 
     def vector(self, element: Element | None, attribute: str, default: Vector3) -> Vector3:
         """Three numbers."""
@@ -499,8 +499,8 @@ def _link(element: Element, values: Values) -> sources.SourceBody:
         return sources.SourceBody(name, line=element.line)
     heavy, entries = child(inertial, "mass"), child(inertial, "inertia")
     parts = {"mass": heavy is not None and heavy.get("value"), "inertia": entries is not None}
-    for what in [what for what, there in parts.items() if not there]:
-        values.report("note", name, f"no {what} in the file, which is taken as 0")
+    for part in [part for part, there in parts.items() if not there]:
+        values.report("note", name, f"no {part} in the file, which is taken as 0")
     mass = values.positive(heavy, "value")
     inertia = values.inertia(entries, None)
     pose = values.placement(child(inertial, "origin"))

@@ -299,8 +299,8 @@ def _constraints(
             turn = anchor.rpy_deg if kind == "frame" else LEVEL
             part = Constraint(label, kind, held, None, anchor.xyz, turn)
         constraints.append(part)
-        what = f"{loop.holds} of {held} held to {[*anchors, 'the world'][0]}"
-        findings.append(Finding("constraint", label, what))
+        words = f"{loop.holds} of {held} held to {[*anchors, 'the world'][0]}"
+        findings.append(Finding("constraint", label, words))
     return tuple(constraints), tuple(whole), findings
 
 
@@ -313,20 +313,20 @@ class Namer:
         # How many names each form has been made into, so that thousands of one form take no longer.
         self._made: dict[tuple[str, str], int] = {}
 
-    def free(self, name: str, what: NamedKind) -> str:
+    def free(self, name: str, kind: NamedKind) -> str:
         """The name in the source, as long as it may be, or the name and a word or number."""
-        stem = name or what
-        if what == "joint" and identifier(stem).startswith(CONSTRAINT_TORQUES):
+        stem = name or kind
+        if kind == "joint" and identifier(stem).startswith(CONSTRAINT_TORQUES):
             stem = f"joint_{stem}"
         stem = stem[:LONGEST_LABEL]
-        form = (what, identifier(stem))
+        form = (kind, identifier(stem))
         for number in itertools.count(self._made.get(form, 0)):
-            ending = f"_{number if number > 1 else what}" if number else ""
+            ending = f"_{number if number > 1 else kind}" if number else ""
             free = stem[: LONGEST_LABEL - len(ending)] + ending
-            if not self._registry.fault(what, free):
+            if not self._registry.fault(kind, free):
                 break
         self._made[form] = number + 1
-        self._registry.add(what, free, what)
+        self._registry.add(kind, free, kind)
         if free != name:
-            self.findings.append(Finding("note", name or "without a name", f"{what} called {free}"))
+            self.findings.append(Finding("note", name or "without a name", f"{kind} called {free}"))
         return free

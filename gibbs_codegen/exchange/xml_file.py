@@ -112,8 +112,8 @@ def read_bytes(path: Path, wanted: str = "a URDF, xacro, MJCF or SDF file") -> b
     """
     try:
         if not path.is_file():
-            what = "is not a file" if path.exists() else "no such file"
-            raise UsageError(f"{printable(path)}: {what}; give {wanted}")
+            fault = "is not a file" if path.exists() else "no such file"
+            raise UsageError(f"{printable(path)}: {fault}; give {wanted}")
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
     except OSError as error:

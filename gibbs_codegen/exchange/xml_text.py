@@ -272,15 +272,15 @@ class _Writer:
             attributes["ctrlrange"] = numbers((-effort, effort))
         ET.SubElement(actuator, "motor", attributes)
 
-    def place_of(self, link: str, what: str) -> ET.Element:
-        """The body of a link that `what` is to be placed on.
+    def place_of(self, link: str, subject: str) -> ET.Element:
+        """The body of a link that `subject` is to be placed on.
 
         Raises `UsageError` if the link has no body of its own.
         """
         if link not in self._bodies:
             raise UsageError(
-                f"{printable(what, 60)} is on link {printable(link, 60)}, which has no mass and no "
-                "body in MuJoCo; export URDF"
+                f"{printable(subject, 60)} is on link {printable(link, 60)}, which has no mass and "
+                "no body in MuJoCo; export URDF"
             )
         return self._bodies[link]
 

@@ -69,7 +69,7 @@ def style() -> Iterator[None]:
     # How fine a picture is remains the user's: a notebook shows it at that size.
     parameters = {**_STYLE, "figure.dpi": rcParams["figure.dpi"]}
     with matplotlib.style.context(["default", parameters]), warnings.catch_warnings():
-        # A letter of a scenario's name that no font has is drawn as a box; that is told by itself.
+        # A letter of a scenario's name that no font has is drawn as a box, which shows it.
         warnings.filterwarnings("ignore", r"Glyph .* missing from")
         yield
 
@@ -200,7 +200,7 @@ def lay_out(figure: Figure) -> None:
             axis.get_minor_ticks()
 
 
-# What writers of formats are told: a date would make every file another.
+# Metadata for writers of formats: a date would make every file another.
 _OPTIONS: dict[str, dict[str, Any]] = {
     "png": {"pil_kwargs": {"compress_level": 3}},
     "pdf": {"metadata": {"CreationDate": None}},

@@ -150,7 +150,7 @@ def _wait_for_lock(number: int, folder: Path, signals: Sequence[int]) -> None:
     """
     from filelock import lock_descriptor
 
-    begin, said = time.monotonic(), False
+    begin, announced = time.monotonic(), False
     while not signals:
         try:
             if lock_descriptor(number, blocking=False):
@@ -164,9 +164,9 @@ def _wait_for_lock(number: int, folder: Path, signals: Sequence[int]) -> None:
                 f"{_PATIENCE_SECONDS:.0f} s; wait until it ends, end it, or choose another "
                 "--out. Nothing was changed"
             )
-        if waited > _NOTICE_SECONDS and not said:
+        if waited > _NOTICE_SECONDS and not announced:
             _log.warning("%s: waiting for %s to finish", printable(folder), _holder(number))
-            said = True
+            announced = True
         time.sleep(0.01)
 
 

@@ -3,7 +3,7 @@
 A subclass of `Table` under `table` says once what a table may hold: a field for each key, with its
 type, bounds, default and words. The reader of files, the JSON schema for editors, the pages of keys
 and all messages follow from it, and so does the check of what is made in Python. Tables from a file
-are told from those by the context of the validation, which is the file's document.
+differ from those by the context of the validation, which is the file's document.
 """
 
 from __future__ import annotations
@@ -169,11 +169,11 @@ def table(cls: type[AnyTable]) -> type[AnyTable]:
 def _signature(made: Any) -> Signature:
     """Arguments of a table, of which Python tells nothing before its checks are built."""
     arguments = [Parameter("self", Parameter.POSITIONAL_OR_KEYWORD)]
-    for each in sorted(fields(made), key=lambda argument: bool(argument.kw_only)):
-        kind = Parameter.KEYWORD_ONLY if each.kw_only else Parameter.POSITIONAL_OR_KEYWORD
-        info = made.__pydantic_fields__[each.name]
+    for member in sorted(fields(made), key=lambda argument: bool(argument.kw_only)):
+        kind = Parameter.KEYWORD_ONLY if member.kw_only else Parameter.POSITIONAL_OR_KEYWORD
+        info = made.__pydantic_fields__[member.name]
         default = Parameter.empty if info.is_required() else info.default_factory or info.default
-        arguments.append(Parameter(each.name, kind, default=default, annotation=each.type))
+        arguments.append(Parameter(member.name, kind, default=default, annotation=member.type))
     return Signature(arguments)
 
 
@@ -263,8 +263,8 @@ class Table:
                 )
             values = dict(zip(placed, values.args, strict=False)) | (values.kwargs or {})
         elif not isinstance(values, dict):
-            what = "a table" if in_file else f"{cls.__name__}(…)"
-            raise fault(f"must be {what}, not {kind_of(values)}")
+            form = "a table" if in_file else f"{cls.__name__}(…)"
+            raise fault(f"must be {form}, not {kind_of(values)}")
         elif hasattr(cls, "kind"):
             values = {key: value for key, value in values.items() if key != "kind"}
         faults: list[tuple[Place, str]] = []
@@ -336,8 +336,8 @@ class Table:
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         if kind == "finite_number" or (kind == "float_type" and is_number):
             return f"must be a finite number, not {shown(value)}"
-        what = shown(value) if kind == "int_type" and is_number else kind_of(value)
-        return f"must be {_NOUNS[kind]}, not {what}"
+        form = shown(value) if kind == "int_type" and is_number else kind_of(value)
+        return f"must be {_NOUNS[kind]}, not {form}"
 
     @classmethod
     def _meant(cls, unknown: Collection[str], key_names: list[str]) -> dict[str, str]:
@@ -466,19 +466,19 @@ def to_python(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else value
 
 
-def list_of(value: object, length: int, what: str = "numbers") -> Any:
-    """The value, if it is a list of so many `what`. Raises `PydanticCustomError` otherwise."""
+def list_of(value: object, length: int, noun: str = "numbers") -> Any:
+    """The value, if it is a list of so many `noun`. Raises `PydanticCustomError` otherwise."""
     value = to_python(value)
     if not isinstance(value, list):
-        raise fault(f"must be a list of {length} {what}, not {kind_of(value)}")
+        raise fault(f"must be a list of {length} {noun}, not {kind_of(value)}")
     if len(value) != length:
-        raise fault(f"must have {length} {what}, not {len(value)}")
+        raise fault(f"must have {length} {noun}, not {len(value)}")
     return value
 
 
-def listed(length: int, what: str = "numbers") -> pydantic.BeforeValidator:
-    """Metadata of a tuple that a file gives as a list of so many `what`."""
-    return pydantic.BeforeValidator(lambda value: tuple(list_of(value, length, what)))
+def listed(length: int, noun: str = "numbers") -> pydantic.BeforeValidator:
+    """Metadata of a tuple that a file gives as a list of so many `noun`."""
+    return pydantic.BeforeValidator(lambda value: tuple(list_of(value, length, noun)))
 
 
 def needed(is_right: Callable[[Any], bool], otherwise: str) -> pydantic.AfterValidator:
@@ -502,14 +502,14 @@ def rule(words_for: Callable[[Any], str | None]) -> pydantic.AfterValidator:
 
 @dataclass(frozen=True)
 class Tables:
-    """Metadata of the array of tables `key`: at most `most` of them, which are `what`.
+    """Metadata of the array of tables `key`: at most `most` of them, which are `noun`.
 
     `form` says how to write them, if not as `[[key]]`.
     """
 
     key: str
     most: int
-    what: str
+    noun: str
     form: str = ""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: CoreHandler) -> CoreSchema:
@@ -523,16 +523,16 @@ class Tables:
         if not isinstance(value, list):
             form = self.form or f"an array of tables, [[{self.key}]]"
             raise fault(f"must be {form}, not {kind_of(value)}")
-        return at_most(value, self.most, self.what)
+        return at_most(value, self.most, self.noun)
 
 
-def at_most(value: list[Any], most: int, what: str) -> list[Any]:
+def at_most(value: list[Any], most: int, noun: str) -> list[Any]:
     """The list; its entries are looked at afterwards.
 
     Raises `PydanticCustomError` for more than `most` entries.
     """
     if len(value) > most:
-        raise fault(f"{len(value)} {what}; give at most {most}")
+        raise fault(f"{len(value)} {noun}; give at most {most}")
     return value
 
 
@@ -540,13 +540,13 @@ def at_most(value: list[Any], most: int, what: str) -> list[Any]:
 class Kinds:
     """Metadata of what a file gives as one of several tables, as their key `kind` tells.
 
-    `what` says in words what it is a kind of; `default` is the kind of a table without the key,
+    `description` is of the kinds; `default` is the kind of a table without the key,
     None where it is required. In Python it is one of the tables or, where they are `functions` of
     time, anything that can be called as they can.
     """
 
     tables: tuple[type[Table], ...]
-    what: str
+    description: str
     default: str | None = None
     functions: bool = True
 
@@ -558,7 +558,7 @@ class Kinds:
         union = handler(schema)
         for table, reference in zip(self.tables, union["anyOf"], strict=True):
             described, kind = handler.resolve_ref_schema(reference), table.kind  # type: ignore[attr-defined]
-            entry = {"const": kind, "description": self.what, "type": "string"}
+            entry = {"const": kind, "description": self.description, "type": "string"}
             if kind == self.default:
                 entry["default"] = kind
             elif "kind" not in described.get("required", ()):
@@ -571,8 +571,8 @@ class Kinds:
             if isinstance(value, self.tables) or (self.functions and callable(value)):
                 return value
             names = " or ".join(table.__name__ for table in self.tables)
-            what = "a function of time, such as " if self.functions else ""
-            raise fault(f"must be {what}{names}, not {kind_of(value)}")
+            functions = "a function of time, such as " if self.functions else ""
+            raise fault(f"must be {functions}{names}, not {kind_of(value)}")
         if not isinstance(value, dict):
             raise fault(f"must be a table, not {kind_of(value)}")
         tables = {table.kind: table for table in self.tables}  # type: ignore[attr-defined]

@@ -9,7 +9,7 @@ from pathlib import Path
 _FOLDER = Path(__file__).parent.parent / "emitted"
 _IMPORT = re.compile(r"^(?:import|from) .*$", re.MULTILINE)
 # In a module, names that files of the folder import from each other stand above them.
-_OWN = "from gibbs_codegen.emitted."
+_PACKAGE = "from gibbs_codegen.emitted."
 _INCLUDE = re.compile(r'^#include "([\w/]+\.\w)"\n', re.MULTILINE)
 
 
@@ -29,7 +29,7 @@ def python_source(*names: str) -> PythonSource:
         # Parsing it would compile text, which no command does.
         text = _text(name).partition('"""\n\n')[2]
         imports_found = [*_IMPORT.finditer(text)]
-        lines += [match[0] for match in imports_found if _OWN not in match[0]]
+        lines += [match[0] for match in imports_found if _PACKAGE not in match[0]]
         bodies.append(text[imports_found[-1].end() :].strip())
     # In the order that linters want, those from one module, some of them twice, in one line.
     imported_names: dict[str, set[str]] = {}

@@ -227,7 +227,7 @@ def simulate_many(
     robot: ModuleType | str | os.PathLike[str],
     scenarios: Sequence[AnyScenario],
     threads: int = 1,
-    progress: Progress = lambda what, share: None,
+    progress: Progress = lambda stage, share: None,
     blocks: bool | None = None,
 ) -> list[Outcome]:
     """Fly many scenarios with one robot.
@@ -312,7 +312,7 @@ def _start_of(module: ModuleType, common: bytes | None, scenario: Scenario) -> F
     """
     start = _kept_starts.pop((module, common), None)
     if start is None:
-        start = flight_start(module, scenario, lambda what, share: None, custom_law=False)
+        start = flight_start(module, scenario, lambda stage, share: None, custom_law=False)
     if common is not None:
         _kept_starts[module, common] = start
         for oldest in [*_kept_starts][:-_MOST_KNOWN]:

@@ -93,7 +93,7 @@ def simulate(
     robot: ModuleType | str | os.PathLike[str],
     scenario: AnyScenario,
     controller: OwnController | None = None,
-    progress: Progress = lambda what, share: None,
+    progress: Progress = lambda stage, share: None,
 ) -> Flight:
     """Fly a scenario with the robot of a generated module.
 
@@ -226,7 +226,7 @@ def check_flight(module: ModuleType, scenario: Scenario) -> None:
     if getattr(module, "backend", "") == "c":
         module = module.in_numpy
     vehicle = Vehicle(module)
-    with suppress(UsageError):  # It is told with all else.
+    with suppress(UsageError):  # It is reported with all else.
         vehicle = Vehicle(module, scenario.parameters)
     check_scenario(vehicle, scenario)
     _check_functions(module, scenario)

@@ -55,7 +55,7 @@ class Simulation:
         self,
         robot: ModuleType | str | os.PathLike[str],
         scenario: AnyScenario,
-        progress: Progress = lambda what, share: None,
+        progress: Progress = lambda stage, share: None,
     ) -> None:
         start = flight_start(robot, scenario, progress, custom_law=True)
         self._scenario, control = start.scenario, start.scenario.control

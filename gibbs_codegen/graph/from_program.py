@@ -31,8 +31,8 @@ def program_refs(
     }
     words: dict[Node, str] = {}
     for x in reversed(program.nodes):
-        said = program.labels[x].words if x in program.labels else ""
-        words[x] = said or next((words[reader] for reader in program.readers[x]), "")
+        label = program.labels[x].words if x in program.labels else ""
+        words[x] = label or next((words[reader] for reader in program.readers[x]), "")
     for x in program.nodes:
         with imported.group(words[x]):
             value = (

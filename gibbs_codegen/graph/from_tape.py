@@ -65,7 +65,7 @@ class ImportedTape:
         self._starts.append(len(self.graph))
         self._words.append(words)
 
-    def said(self, node: int) -> str:
+    def words_of(self, node: int) -> str:
         """The words of the block in which a node was made, or ""."""
         return self._words[bisect_right(self._starts, node) - 1]
 

@@ -91,7 +91,7 @@ class AtTime:
 class LoopStructure:
     """The parts of a closed loop on which its program depends.
 
-    `law` is one of `LAWS`, "open_loop", "off" or "held"; `integral` tells that it remembers errors,
+    `law` is one of `LAWS`, "open_loop", "off" or "held"; `integral` laws remember errors,
     `limited` that inputs have limits, `shared` that thrusts have in the allocation, `lags` and
     `compensates` whether motors lag, and commands make up for it, `idles` that motors do not run
     where the input `idle` is 1, `moves` that joints move rotors, `refuses` that wrenches that
@@ -337,7 +337,7 @@ class LoopStructure:
     def sample(self) -> Program:
         """What is commanded by the law when it is sampled: `commands` (nu), and `refused`.
 
-        Of the time that it is told, and of a state x that has nothing of what it remembers, which
+        It takes the `time`, and a state x that has nothing of what it remembers, which
         is `memory` (m) and then `learnt` (m), where errors act for as long as it `learns`, s.
         Sensors are off by `errors`: displacements (nv), velocities (nv), the wrench on the frame.
         """

@@ -57,7 +57,7 @@ def plane(figures: Node, place: Node) -> tuple[Node, Node]:
 
 @dataclass(frozen=True)
 class Contact:
-    """A frame that may touch a wall, by their numbers; `sticks` tells that there is friction.
+    """A frame that may touch a wall, by their numbers; it `sticks` where there is friction.
 
     The shape of the wall has a `surface` and so many `figures`.
     """

@@ -83,41 +83,43 @@ class Drives:
         inputs = [x for x in ordered(outputs.values()) if isinstance(x.operation, Input)]
         return Program(name, tuple(inputs), outputs)
 
-    def _each(self, kinds: tuple[str, ...], what: str, *values: Values) -> list[Node]:
+    def _by_part(self, kinds: tuple[str, ...], quantity: str, *values: Values) -> list[Node]:
         """Results of drives of some kinds from values of theirs."""
         return [
-            named(getattr(part, what)(*(x[key] for x in values)), what, part.words[what])
+            named(
+                getattr(part, quantity)(*(x[key] for x in values)), quantity, part.words[quantity]
+            )
             for key, part in self._parts.items()
             if key[0] in kinds and all(key in x for x in values)
         ]
 
     def thrusts_of(self) -> list[Node]:
         """Thrusts, N, for commands that stay, at the nominal voltage."""
-        return self._each(("rotor",), "acting", self._command)
+        return self._by_part(("rotor",), "acting", self._command)
 
     def rotor_speeds(self) -> list[Node]:
         """Speeds of the rotors, rad/s."""
-        return self._each(("rotor",), "speed", self._acting)
+        return self._by_part(("rotor",), "speed", self._acting)
 
     def inputs_of(self) -> list[Node]:
         """Thrusts and torques that act."""
-        return self._each(("rotor", "link"), "acting", self._acting)
+        return self._by_part(("rotor", "link"), "acting", self._acting)
 
     def command_of(self) -> list[Node]:
         """Commands that give the inputs u at rest."""
-        return self._each(("rotor", "link"), "command", self._u)
+        return self._by_part(("rotor", "link"), "command", self._u)
 
     def actuator_rates(self) -> list[Node]:
         """Rates of the states."""
         targets, charges = self._command, list[Node]()
         if self._battery:
-            power = total(join(0.0, *self._each(("rotor",), "power", self._acting)))
+            power = total(join(0.0, *self._by_part(("rotor",), "power", self._acting)))
             voltage, *charges = discharge(self._battery, self._x["charge", 0], power)
             share = voltage / self._battery["nominal"]
             targets = {
                 key: x * share if key in self._throttles else x for key, x in targets.items()
             }
-        return [*self._each(("rotor", "link"), "rate", self._x, targets), *charges]
+        return [*self._by_part(("rotor", "link"), "rate", self._x, targets), *charges]
 
     def actuator_state_of(self) -> list[Node]:
         """States that commands keep, with a full battery."""

@@ -57,7 +57,7 @@ _STATE = {
     "covariance": "covariance of all errors, row-major; initially variances on the diagonal",
 }
 _AHEAD, _LED = "Predict by h under inputs.", "Predict by h from one reading of the IMU to the next."
-_GIVEN = {
+_ARGUMENTS = {
     "u": "inputs that act: thrusts, N, then efforts of joints, N m or N",
     "gravity": "acceleration of gravity, m/s^2, world axes",
     "h": "step, s",
@@ -139,14 +139,14 @@ class StateFilter:
         return {"q": q, "v": v} | others
 
     @property
-    def _given(self) -> tuple[Node, Node]:
+    def _surroundings(self) -> tuple[Node, Node]:
         """Inputs (nu) that act, and the acceleration of gravity (3), m/s², world axes."""
         return nodes.variable("u", self.robot.inputs), nodes.variable("gravity", 3, uniform=True)
 
     @property
     def _of_readings(self) -> tuple[Node, ...]:
         """What of these readings follow from."""
-        return () if self.leads else self._given
+        return () if self.leads else self._surroundings
 
     def _part(self, name: str) -> Node:
         """A load, or the biases of a sensor."""
@@ -157,7 +157,7 @@ class StateFilter:
     @cached_property
     def _motion(self) -> SensedMotion:
         """The motion under inputs and loads, or without accelerations where an IMU leads it."""
-        robot, (q, v), (u, gravity) = self.robot, self.robot.state(), self._given
+        robot, (q, v), (u, gravity) = self.robot, self.robot.state(), self._surroundings
         if self.leads:
             return SensedMotion(robot, q, v, v, nodes.zeros(robot.frames, 6), gravity)
         if "efforts" in self.places:
@@ -202,12 +202,12 @@ class StateFilter:
 
         `variances` (6) are of the noise of a reading, and `noise` (n) of what is added in a second.
         """
-        robot, (q, v), gravity = self.robot, self.robot.state(), self._given[1]
+        robot, (q, v), gravity = self.robot, self.robot.state(), self._surroundings[1]
         frame, h = self.sensors[self.leads].at.frame, nodes.variable("h", uniform=True)
         last, now = (nodes.variable(name, 6) for name in ("before", "reading"))
         felt, then = (self._unbiased(self.leads, reading) for reading in (last, now))
-        own = nodes.constant(np.eye(v.size)[robot.layout.v.base])
-        kept = nodes.constant(np.eye(v.size)) - own.transposed @ own
+        selection = nodes.constant(np.eye(v.size)[robot.layout.v.base])
+        kept = nodes.constant(np.eye(v.size)) - selection.transposed @ selection
         errors = nodes.constant(np.eye(self.size + 6))
         of_q, of_v = errors[: v.size], errors[v.size : self.loaded]
         # What a reading errs by counts half in this step, and half in the next.
@@ -227,15 +227,15 @@ class StateFilter:
             turn, slope = self._turn(ends, frame), robot.frame_jacobians(ends)[frame]
             mean = 0.5 * (start + turn @ then[:3]) + gravity
             twist = nodes.join(velocity + h * mean, turn @ then[3:])
-            base = own @ slope.transposed
+            base = selection @ slope.transposed
             # Squared, since C eliminates without exchanges.
             square = base @ base.transposed
             rest = base @ (twist - slope @ (kept @ v))
-            v_next = kept @ v + own.transposed @ nodes.solve(square, rest)
+            v_next = kept @ v + selection.transposed @ nodes.solve(square, rest)
         missing = {"twist": twist - robot.frame_velocities(ends, v_next)[frame]}
         along |= {ends: of_ends, v_next: kept @ of_v}
         of_base = nodes.solve(square, base @ moved(missing, along)["twist"])
-        of_next = kept @ of_v + own.transposed @ of_base
+        of_next = kept @ of_v + selection.transposed @ of_base
         ends, of_ends = displaced(0.5 * h * (v + v_next), 0.5 * h * (of_v + of_next))
         outputs = {"q_next": ends, "v_next": v_next}
         slopes = nodes.join(of_ends, of_next).transposed
@@ -255,13 +255,18 @@ class StateFilter:
 
     def _predict(self) -> Program:
         """A step of h under inputs; `noise` (n) are variances that are added in a second."""
-        robot, moving, given, state = self.robot, self._motion, self._given, self.state
+        robot, moving, surroundings, state = (
+            self.robot,
+            self._motion,
+            self._surroundings,
+            self.state,
+        )
         by = [name for name in state if name != "biases"]
-        inputs = *(state[name] for name in by), *given
+        inputs = *(state[name] for name in by), *surroundings
         motion = Program("filter_motion", inputs, {"a": moving.a})
-        found = jacobian(motion, by).results(*inputs)
-        slope = nodes.beside(*(found[f"a_by_{name}"] for name in by))
-        q, v, a, h = moving.q, moving.v, found["a"], nodes.variable("h", uniform=True)
+        slopes = jacobian(motion, by).results(*inputs)
+        slope = nodes.beside(*(slopes[f"a_by_{name}"] for name in by))
+        q, v, a, h = moving.q, moving.v, slopes["a"], nodes.variable("h", uniform=True)
         after = {"q_next": robot.integrate(q, h * (v + 0.5 * h * a)), "v_next": v + h * a}
 
         def ahead(errors: Node) -> Node:
@@ -269,7 +274,7 @@ class StateFilter:
             now = {x: errors[self.places[name]] for x, name in ((q, "q"), (v, "v"))}
             return nodes.join(*moved(after, now | {a: slope @ errors}).values())
 
-        return self._stepped("predict", after, ahead, [state[name] for name in by], given)
+        return self._stepped("predict", after, ahead, [state[name] for name in by], surroundings)
 
     def coast(self) -> Program:
         """A step of h by the velocity alone, for times at which an IMU that leads tells nothing."""
@@ -288,12 +293,12 @@ class StateFilter:
         after: Mapping[str, Node],
         ahead: Callable[[Node], Node],
         state: list[Node],
-        given: tuple[Node, ...] = (),
+        surroundings: tuple[Node, ...] = (),
     ) -> Program:
         """A step of h, by what follows from errors of q, v and loads, after noise is added."""
         covariance = nodes.variable("covariance", self.size, self.size)
         noise = nodes.variable("noise", self.size, uniform=True)
-        inputs = *state, covariance, *given, nodes.variable("h", uniform=True), noise
+        inputs = *state, covariance, *surroundings, nodes.variable("h", uniform=True), noise
         rows = ahead(covariance[: self.loaded]).transposed
         grown = _joined(covariance, rows, ahead(rows[: self.loaded]))
         outputs = dict(after) | {"covariance_next": grown + _diagonal(inputs[-2] * noise)}
@@ -312,9 +317,9 @@ class StateFilter:
         variances = nodes.variable("variances", count, uniform=True)
         inputs = *state.values(), *self._of_readings
         inner = Program(f"filter_expected_{name}", inputs, {"y": expected})
-        found = jacobian(inner, [*state]).results(*inputs)
-        slope = nodes.beside(*(found[f"y_by_{x}"] for x in state))
-        spread, miss = covariance @ slope.transposed, reading - found["y"]
+        slopes = jacobian(inner, [*state]).results(*inputs)
+        slope = nodes.beside(*(slopes[f"y_by_{x}"] for x in state))
+        spread, miss = covariance @ slope.transposed, reading - slopes["y"]
         spread_y = slope @ spread + _diagonal(variances)
         right = nodes.beside(spread.transposed, nodes.reshaped(miss, (count, 1)))
         solved = nodes.solve(spread_y, right).transposed
@@ -362,7 +367,7 @@ def filter_functions(robot: Functions, leads: str = "") -> list[CFunction]:
         _, update, sensor = name.partition("_update_")
         does = f"Correct with a reading of {sensor}, unless it is an outlier." if update else ahead
         values = (*program.names, *program.outputs)
-        explained = {x: words for x, words in _GIVEN.items() if x in values}
+        explained = {x: words for x, words in _ARGUMENTS.items() if x in values}
         functions.append(CFunction(program, does, state, explained))
     return functions
 

@@ -98,22 +98,22 @@ class InnerLoop:
         figures = (variable(name, *shape, uniform=True) for name, shape in shapes.items())
         return [action, robot.coordinates("target"), *figures]
 
-    def commands(self, robot: Functions, q: Node, v: Node, given: Mapping[str, Node]) -> Node:
+    def commands(self, robot: Functions, q: Node, v: Node, values: Mapping[str, Node]) -> Node:
         """Inputs (nu), or commands of motors and servos, at coordinates q (nq), velocities v (nv).
 
-        `robot` is what flies; `given` are values of the inputs by name.
+        `robot` is what flies; `values` are values of the inputs by name.
         """
         model, count = copy.copy(robot), robot.rotors
         model.owner = "model"
-        asked = given["action"][sum(map(len, self.parts(robot)[:2])) :]
+        asked = values["action"][sum(map(len, self.parts(robot)[:2])) :]
 
         def figure(name: str, *shape: int) -> Node:
-            return given.get(name, zeros(*shape))
+            return values.get(name, zeros(*shape))
 
         none = zeros(len(robot.base_inputs))
         of_rotors = figure("centre", 3), figure("distribution", none.size, 6), zeros(none.size, 6)
         rotors = Rotors(*of_rotors, none, none, limited=False)
-        force = carried(model, q, self._force(model, q, v, given, rotors))
+        force = carried(model, q, self._force(model, q, v, values, rotors))
         u, _ = inputs_of(model, q, force, rotors)
         if self.joints == "torque" and asked.size:
             u = join(u[:count], asked, u[count + asked.size :])
@@ -126,12 +126,12 @@ class InnerLoop:
         return join(*entries)
 
     def _force(
-        self, robot: Functions, q: Node, v: Node, given: Mapping[str, Node], rotors: Rotors
+        self, robot: Functions, q: Node, v: Node, values: Mapping[str, Node], rotors: Rotors
     ) -> Node:
         """Generalised force (nv) for an action, of joints with torques that at rest."""
         base, places, at = base_of(robot, q), robot.layout.v, robot.layout.q
         (along, about), leads = robot.layout.driven_axes, self.action in ("velocity", "tip")
-        action, here, target = given["action"], entries_of(q), entries_of(given["target"])
+        action, here, target = values["action"], entries_of(q), entries_of(values["target"])
         ways, turns, _ = map(len, self.parts(robot))
         moved, turned, asked = action[:ways], action[ways : ways + turns], action[ways + turns :]
         still, none = zeros(places.size), zeros(asked.size)
@@ -139,7 +139,7 @@ class InnerLoop:
         attitude, posture = target[at.attitude], here[at.joints]
         if self.action == "attitude":
             way = placed(robot, turned, zeros(3), none)
-            attitude = entries_of(robot.integrate(given["target"], way))[at.attitude]
+            attitude = entries_of(robot.integrate(values["target"], way))[at.attitude]
         elif self.action == "rates" or (self.action == "velocity" and not self.leans):
             attitude = here[at.attitude]
         if self.action == "tip":
@@ -150,12 +150,12 @@ class InnerLoop:
         entries = join(*(x for _, x in sorted(parts, key=lambda part: part[0].start)))
         q_still = coordinates_of(join(entries, here[entries.size :]), robot.space)
         rates = asked if self.joints == "velocity" else none
-        aim = Aim(Motion(q_still, still, still), Gains(given["stiffness"], given["damping"]))
+        aim = Aim(Motion(q_still, still, still), Gains(values["stiffness"], values["damping"]))
         if self.leans:
-            aim = replace(aim, weight=weight_of(robot, q, lambda name, *_: given[name], rotors))
+            aim = replace(aim, weight=weight_of(robot, q, lambda name, *_: values[name], rotors))
         if self.action == "tip":
             rates, wrench = zeros(places.joints.stop - places.joints.start), zeros(6)
-            of_tip = zeros(3), given["frame_damping"], constant(np.ones(3)), wrench
+            of_tip = zeros(3), values["frame_damping"], constant(np.ones(3)), wrench
             aim = replace(aim, frame=FrameAim(self.tip, *of_tip, velocity=moved))
         if aim.weight is not None and leads:
             about_axis = turned[0] * aim.weight.axis if turns else zeros(3)

@@ -94,7 +94,7 @@ def law_functions(
     """The functions of some laws, after that of what they know of the rotors.
 
     `centre` is the place of the base centre among the points of `positions`, `tip` that of the
-    frame which laws move that do, and `moves` tells that joints move rotors.
+    frame which laws move that do, and `moves` whether joints move rotors.
     """
     laws = list(laws)
     programs = {law: _law(robot, law, tip, moves) for law in laws}
@@ -110,8 +110,8 @@ def law_functions(
     outputs = {member.name: values_of[member.name]() for member in rotors.members}
     made = Program("init_rotors", (), outputs)
     words = f"{known}; call it again after the constants change."
-    given = (rotors,) if rotors.members else ()
-    functions = [CFunction(made, words, given)] if given else []
+    data = (rotors,) if rotors.members else ()
+    functions = [CFunction(made, words, data)] if data else []
     others = tuple(_structures(robot, read))
     wheels = ", then torques of the wheels, N m" if parts["wheels"] else ""
     explained = {
@@ -119,10 +119,13 @@ def law_functions(
         "state or the reference is"
     }
     for law, program in programs.items():
-        structures, told = (*given, *others), explained
+        structures, words_by_name = (*data, *others), explained
         if "h" in program.names:
-            structures, told = (*structures, _LEARNT), {"h": "time since the last call, s"} | told
-        functions.append(CFunction(program, LAWS[law].words, structures, told))
+            structures, words_by_name = (
+                (*structures, _LEARNT),
+                {"h": "time since the last call, s"} | words_by_name,
+            )
+        functions.append(CFunction(program, LAWS[law].words, structures, words_by_name))
     return functions
 
 

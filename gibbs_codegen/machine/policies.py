@@ -168,8 +168,8 @@ def policy_program(
     u = act(network(layers, observe(now)), now)
     read = [x for x in ordered([u]) if isinstance(x.operation, Input)]
     known = [now.q, now.v, now.actuators, *now.desired, now.q_ahead]
-    own = [x for x in known if x in read]
-    return Program(name, (*own, *(x for x in read if x not in own)), {"u": u})
+    state = [x for x in known if x in read]
+    return Program(name, (*state, *(x for x in read if x not in state)), {"u": u})
 
 
 def commanded(actions: Any, ranges: Any, clip: Any = clip, *, normalised: bool = True) -> Any:

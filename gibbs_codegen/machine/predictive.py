@@ -344,10 +344,10 @@ class Horizon:
 
     def _asked(self, node: NodeInputs, u: Node) -> list[Node]:
         """Arguments of the cost of one's own."""
-        given = {"q": node.q, "v": node.v, "u": u}
+        arguments = {"q": node.q, "v": node.v, "u": u}
         for name, shape in self.signals.items():
-            given[name] = reshaped(node.reference[f"cost {name}"], shape)
-        return [given[name] for name in self.cost.names] if self.cost else []
+            arguments[name] = reshaped(node.reference[f"cost {name}"], shape)
+        return [arguments[name] for name in self.cost.names] if self.cost else []
 
     def _missed(self, node: NodeInputs, u: Node) -> tuple[Node, Node]:
         """What the cost of one's own gives (m), and its slope by u, q and v (m, nu + nd + nv)."""

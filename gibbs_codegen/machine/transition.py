@@ -81,7 +81,7 @@ class Transition:
 
     def rates(self) -> Program:
         """The time derivative `x_dot` of x, and the `inputs` (nu) that act."""
-        x, whole, state, u = self._given
+        x, whole, state, u = self._inputs
         moved = base_of(self.robot, state.q).rates(state.v, whole)[: self.entries]
         inputs = self.machine.inputs(state, u)
         outputs = {"x_dot": join(moved, self._accelerate(state, inputs, u)), "inputs": inputs}
@@ -89,7 +89,7 @@ class Transition:
 
     def step(self, method: str, h: float) -> Program:
         """The state `x_next` after h (s)."""
-        x, _, state, u = self._given
+        x, _, state, u = self._inputs
         nv = self.robot.space.velocities
 
         def move(q: Node, displacement: Node) -> Node:
@@ -107,7 +107,7 @@ class Transition:
         return Program("step", (x, u), {"x_next": after})
 
     @cached_property
-    def _given(self) -> tuple[Node, Node, State[Node], Node]:
+    def _inputs(self) -> tuple[Node, Node, State[Node], Node]:
         """The state x, the same with angles of wheels, its parts, and what is commanded."""
         x, u = variable("x", self.size), variable(self.sent, self.robot.inputs)
         wheels = zeros(self.robot.layout.q.wheels)

@@ -55,13 +55,13 @@ def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
     return tuple(name for name in offered if name in names or "all" in names)
 
 
-def _names(what: str, words: str | Sequence[str], choices: Sequence[str]) -> Sequence[str]:
+def _names(option: str, words: str | Sequence[str], choices: Sequence[str]) -> Sequence[str]:
     """Words of a choice, all of them known. Raises `UsageError`."""
     listed = [words] if isinstance(words, str) else words
     if not isinstance(listed, Collection) or not all(isinstance(name, str) for name in listed):
-        allowed = "True, False, a name" if what == "derivatives" else "None, a name"
+        allowed = "True, False, a name" if option == "derivatives" else "None, a name"
         raise UsageError(
-            f"{what}: must be {allowed} or a list of names, not {printable(repr(words), 60)}"
+            f"{option}: must be {allowed} or a list of names, not {printable(repr(words), 60)}"
         )
     if unknown := sorted({*listed}.difference(choices)):
         few = unknown[:_MOST_SUGGESTIONS]
@@ -72,5 +72,5 @@ def _names(what: str, words: str | Sequence[str], choices: Sequence[str]) -> Seq
         ]
         complaints += [f"and {len(unknown) - len(few)} more"] if len(few) < len(unknown) else []
         rest = "" if all(near) else f"; known: {', '.join(choices)}"
-        raise UsageError(f"--{what}: unknown: {', '.join(complaints)}{rest}")
+        raise UsageError(f"--{option}: unknown: {', '.join(complaints)}{rest}")
     return listed

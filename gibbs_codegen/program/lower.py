@@ -209,11 +209,13 @@ class _Lowering:
         `groups` are by symbol of the tape, as the function's derivation says them; `origins` are,
         of nodes that passes have made, those in whose place they stand.
         """
-        said = {**self.words, **self._imported.words(groups)}
+        texts = {**self.words, **self._imported.words(groups)}
         inherited: dict[int, str] = {}
         for node in reversed(numbers):
             origin = origins.get(node, node)
-            group_words = said.get(origin) or self._imported.said(origin) or inherited.get(node, "")
+            group_words = (
+                texts.get(origin) or self._imported.words_of(origin) or inherited.get(node, "")
+            )
             inherited[node] = group_words
             for ref in self.graph.operands[node]:
                 inherited[ref >> 1] = group_words

@@ -24,20 +24,20 @@ from dataclasses import astuple, dataclass, replace
 from itertools import chain
 from typing import Any, Generic, Literal, TypeVar
 
-Found = TypeVar("Found")
+Value = TypeVar("Value")
 
 
-class _Once(Generic[Found]):
+class _Once(Generic[Value]):
     """A `functools.cached_property` without the lock that takes most of its time in Python 3.11."""
 
-    def __init__(self, find: Callable[[Any], Found]) -> None:
+    def __init__(self, find: Callable[[Any], Value]) -> None:
         self._find = find
         self.__doc__ = find.__doc__
 
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
 
-    def __get__(self, node: object, owner: type) -> Found:
+    def __get__(self, node: object, owner: type) -> Value:
         value = node.__dict__[self._name] = self._find(node)
         return value
 

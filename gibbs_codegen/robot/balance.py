@@ -346,7 +346,7 @@ def holding_efforts(robot: Robot, thrusts: Sequence[float]) -> list[float]:
 
 # Of the arms' length. Nobody puts a battery more exactly; a misplaced arm is off by more.
 _LOPSIDED = 0.01
-# Of more rotors the least and the largest thrust are told.
+# The least and the largest thrust stand for more rotors.
 _MOST_LISTED = 12
 
 
@@ -464,13 +464,13 @@ def lopsided(robot: Robot) -> str | None:
     offset = float(np.hypot(x, y))
     if offset <= _LOPSIDED * longest or longest == 0.0:
         return None
-    what = (
+    opening = (
         f"the base is lopsided: its centre of mass is {offset:.3g} m off its axis, "
         f"{offset / longest:.2g} of the arms' length; it is at x = {x:.3g}, y = {y:.3g} m from "
         "the base centre in arm 1's axes; "
     )
     if not base.shares_one_arm:
-        return what + (
+        return opening + (
             "check com in each table of base.arm: it is measured from the motor on arm 1, whose "
             "x axis points to the base centre, and from the centre on the others"
         )
@@ -484,7 +484,7 @@ def lopsided(robot: Robot) -> str | None:
     )
     if arm.inertia[4] or arm.inertia[5]:
         text += " and with the last two entries of inertia of opposite sign"
-    return what + text
+    return opening + text
 
 
 def number(value: float) -> str:

@@ -101,8 +101,8 @@ class Description:
         if not layout.moves_freely:  # Where it is with its pose differs.
             position = [f"travel of the base along the world's {axis}" for axis in travels]
         units = (*layout.q.units[layout.q.joints], *layout.q.units[layout.q.angles])
-        what = ["travel" if unit == "m" else "angle" for unit in units]
-        return self._entries(layout.q, [*attitude, *position], what)
+        quantities = ["travel" if unit == "m" else "angle" for unit in units]
+        return self._entries(layout.q, [*attitude, *position], quantities)
 
     @cached_property
     def velocities(self) -> tuple[Coordinate, ...]:
@@ -125,7 +125,9 @@ class Description:
         `joints` say what the entry of each is of it.
         """
         labels = (joint_label(self.robot, i) for i in self.robot.driven)
-        of_joints = [f"{what} of {label}" for what, label in zip(joints, labels, strict=False)]
+        of_joints = [
+            f"{quantity} of {label}" for quantity, label in zip(joints, labels, strict=False)
+        ]
         meanings = entries.joined(base, of_joints)
         return tuple(map(Coordinate, entries.names, entries.units, meanings))
 
@@ -175,11 +177,11 @@ class Description:
             return ()
         for entry, drive in zip(self.inputs, robot.drives, strict=False):
             label = entry.name.removeprefix("F_")
-            unit, what = {"speed": ("rad/s", "speed"), "throttle": ("1", "throttle")}.get(
+            unit, quantity = {"speed": ("rad/s", "speed"), "throttle": ("1", "throttle")}.get(
                 drive.command, ("N", "thrust")
             )
-            name = entry.name if unit == "N" else f"{what}_{label}"
-            commands.append(Coordinate(name, unit, f"{what} of motor {label}"))
+            name = entry.name if unit == "N" else f"{quantity}_{label}"
+            commands.append(Coordinate(name, unit, f"{quantity} of motor {label}"))
         for entry, i in zip(self.inputs[robot.rotors :], robot.driven, strict=True):
             if (servo := robot.links[i - 1].servo) is None:
                 commands.append(entry)
@@ -224,8 +226,8 @@ class Description:
             label = identifier(constraint.name)
             for row in ROWS[constraint.holds]:
                 turns = row.startswith("turn")
-                what = f"{row.replace('_', ' about ') if turns else row} of {label}"
-                rows.append(Coordinate(f"{label}_{row}", "rad" if turns else "m", what))
+                meaning = f"{row.replace('_', ' about ') if turns else row} of {label}"
+                rows.append(Coordinate(f"{label}_{row}", "rad" if turns else "m", meaning))
         return tuple(rows)
 
     def _of_constraints(self) -> dict[str, Any]:

@@ -54,8 +54,8 @@ def joint_terms(robot: Robot, i: int) -> JointTerms:
     return JOINT_TERMS["prismatic" if kind == "prismatic" else "revolute"]
 
 
-def check_free_base(name: str, kind: str, what: str) -> None:
-    """Raise `UsageError` where `what` is for bases that move freely, and a robot's is of another.
+def check_free_base(name: str, kind: str, feature: str) -> None:
+    """Raise `UsageError` where `feature` needs a base that moves freely, and a robot has another.
 
     `kind` is a module's ATTITUDE.
     """
@@ -63,7 +63,7 @@ def check_free_base(name: str, kind: str, what: str) -> None:
         motion = repr(level) if level else str(kind.split())
         key = "drive" if level in DRIVES else "motion"
         raise UsageError(
-            f"{name}: base.{key} is {motion}; {what} only for bases that move freely "
+            f"{name}: base.{key} is {motion}; {feature} only for bases that move freely "
             '(base.motion = "free")'
         )
 

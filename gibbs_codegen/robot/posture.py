@@ -234,9 +234,9 @@ def _closed(robot: Robot, q: Array) -> Array:
         return np.concatenate(off)
 
     exactly = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15)
-    found = least_squares(errors, q[places], bounds=(low, high), **exactly)
+    solution = least_squares(errors, q[places], bounds=(low, high), **exactly)
     # Rounded, since no bit of a module may depend on the machine.
-    return np.round(at(found.x), 7) + 0.0 if np.abs(found.fun).max() < _CLOSED else q
+    return np.round(at(solution.x), 7) + 0.0 if np.abs(solution.fun).max() < _CLOSED else q
 
 
 # Loops are closed where their errors, m and rad, are less.

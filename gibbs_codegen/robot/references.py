@@ -95,9 +95,9 @@ class NameRegistry:
             return f"{called} is the name of {owner} already; give another"
         for parameter in parameter_names(kind, name):
             if owner := self._owners.get(parameter):
-                what = "rows" if parameter.startswith(_ROW) else "parameters"
+                clashing = "rows" if parameter.startswith(_ROW) else "parameters"
                 return (
-                    f"{shown(name)} gives {what} the names of those of {owner}, such as "
+                    f"{shown(name)} gives {clashing} the names of those of {owner}, such as "
                     f"{parameter.removeprefix(_ROW)}: give it another name"
                 )
         return None

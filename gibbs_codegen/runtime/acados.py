@@ -135,8 +135,11 @@ def acados_model(
         return model
     symbols = zip(module.PARAMETERS, casadi.vertsplit(model.p), strict=parameters)
     constants = module.prepare(dict(symbols))
-    given, robots = {"x": model.x, machine.sent: model.u}, ({"robot": module}, {"robot": constants})
-    rates = evaluate_casadi(machine.rates(), given, *robots)
+    inputs, robots = (
+        {"x": model.x, machine.sent: model.u},
+        ({"robot": module}, {"robot": constants}),
+    )
+    rates = evaluate_casadi(machine.rates(), inputs, *robots)
     if form == "explicit":
         model.f_expl_expr = rates["x_dot"]
         return model
@@ -165,7 +168,7 @@ def _source(module: Any, machine: Transition, method: str, h: float, has_paramet
 
     def whole(file: str) -> str:
         """A file with those that it includes, each once."""
-        return _INCLUDE.sub(lambda found: whole(found[1]), sources.pop(file, ""))
+        return _INCLUDE.sub(lambda match: whole(match[1]), sources.pop(file, ""))
 
     values, places = [*module.PARAMETERS.values()], [*module.PARAMETERS]
     chosen = ["for (int k = 0; k < NP; ++k) values[k] = ((const double *)p)[k];"]

@@ -118,13 +118,13 @@ def compile_file(command: Sequence[str], output: Path, name: str) -> None:
 
     Raises `CompilerError` if it fails or hangs.
     """
-    code, said = _run(command, _TIMEOUT_SECONDS, output.parent)
+    code, report = _run(command, _TIMEOUT_SECONDS, output.parent)
     if code is None:
         raise _EndedError(f"{name} did not finish in {_TIMEOUT_SECONDS:.0f} s")
     if code < 0:
         raise _EndedError(f"{name} was ended by {signal.Signals(-code).name}")
     if code != 0 or not output.is_file():
-        lines = [line.strip() for line in said.splitlines() if line.strip()]
+        lines = [line.strip() for line in report.splitlines() if line.strip()]
         telling = [x for x in lines if "error" in x.lower() and not x.startswith("collect2")]
         reason = [*telling, *lines, f"exit code {code}"][0]
         raise CompilerError(f"{name} failed: {reason[:300]}")
@@ -147,10 +147,10 @@ def find_compiler(chosen: str | None) -> Compiler:
         path = shutil.which(command[0]) if command else None
         if path:
             whole = (os.path.abspath(path), *command[1:])
-            code, said = _run([*whole, "--version"], 20.0, Path.cwd())
+            code, report = _run([*whole, "--version"], 20.0, Path.cwd())
             if code is None:
                 raise CompilerError(f"{whole[0]} does not answer --version")
-            return Compiler(whole, said)
+            return Compiler(whole, report)
     raise CompilerError(f"CC={chosen}: no such compiler" if chosen else "no C compiler found")
 
 
@@ -182,7 +182,7 @@ def _run(command: Sequence[str], seconds: float, folder: Path) -> tuple[int | No
             raise CompilerError(f"{command[0]}: {cause_of(error)}") from None
         _RUNNING.add(process.pid)
         try:
-            said, _ = process.communicate(timeout=seconds)
+            report, _ = process.communicate(timeout=seconds)
         except BaseException as error:
             _end([process.pid])
             process.communicate()
@@ -191,7 +191,7 @@ def _run(command: Sequence[str], seconds: float, folder: Path) -> tuple[int | No
             raise
         finally:
             _RUNNING.discard(process.pid)
-        return process.returncode, said
+        return process.returncode, report
 
 
 def _end(running: Collection[int]) -> None:
@@ -326,8 +326,8 @@ class ModuleLibrary:
 
         def seconds() -> float:
             """About how long all take, s."""
-            each = [_seconds(self._texts(*unit)) for unit in units]
-            return max(*each, sum(each) / count)
+            times = [_seconds(self._texts(*unit)) for unit in units]
+            return max(*times, sum(times) / count)
 
         pool = ThreadPoolExecutor(count)
         try:
@@ -388,8 +388,8 @@ class ModuleLibrary:
         if not unit and not form:
             return self.core
         where = self._folder, self._name, self._files(form), self._compiler
-        what = _FLIGHTS if unit == "flights" else f"its functions of the group {unit}"
-        return compiled_files(*where, self._flags, functions=self._parts(unit, form), what=what)
+        part = _FLIGHTS if unit == "flights" else f"its functions of the group {unit}"
+        return compiled_files(*where, self._flags, functions=self._parts(unit, form), contents=part)
 
 
 def compiled_library(
@@ -415,11 +415,11 @@ def compiled_files(
     extra: Sequence[str] = (),
     others: Mapping[str, bytes] = MappingProxyType({}),
     functions: Collection[str] | None = None,
-    what: str = _FUNCTIONS,
+    contents: str = _FUNCTIONS,
 ) -> Path:
     """Path of a shared library of C files of a generated module, from the cache or compiled now.
 
-    A message says `what` is compiled.
+    A message names the `contents`.
 
     `files` are those that it is made of, and what they include, as of `c_files`. `others` are texts
     of further sources, by names that no file of the module has. Of the module's C sources there are
@@ -448,7 +448,7 @@ def compiled_files(
     def make(output: Path) -> None:
         # Other flags take another time.
         seconds = None if extra else lambda: _seconds(texts.values())
-        with written(texts, output) as files, announced(_compiling(name, what), seconds):
+        with written(texts, output) as files, announced(_compiling(name, contents), seconds):
             compiled = [file for file in files if file.name not in passed_over]
             compiler.library(compiled, output, extra)
 
@@ -477,8 +477,8 @@ def written(texts: Mapping[str, bytes], output: Path) -> Iterator[list[Path]]:
     shutil.rmtree(folder)
 
 
-def _compiling(name: str, what: str) -> str:
-    return f"{name}: compiling {what} in C; the cache keeps the result"
+def _compiling(name: str, part: str) -> str:
+    return f"{name}: compiling {part} in C; the cache keeps the result"
 
 
 def _seconds(sources: Iterable[bytes]) -> float:
@@ -541,19 +541,19 @@ def _function(library: ctypes.CDLL, name: str) -> Any:
 
 
 @contextmanager
-def announced(what: str, seconds: Callable[[], float] | None = None) -> Iterator[None]:
+def announced(stage: str, seconds: Callable[[], float] | None = None) -> Iterator[None]:
     """Log, once, a warning of what takes longer than two seconds; keep when the main thread waits.
 
     `seconds` tells about how long it takes.
     """
 
     def log_once() -> None:
-        if what not in _LOGGED:
-            _LOGGED.add(what)
+        if stage not in _LOGGED:
+            _LOGGED.add(stage)
             whole = math.ceil(seconds()) if seconds else 0
             # An estimate that has passed already says nothing.
             about = f" (about {whole} s)" if whole > _PATIENCE else ""
-            _log.warning("%s%s", what, about)
+            _log.warning("%s%s", stage, about)
 
     timer, begin = threading.Timer(_PATIENCE, log_once), time.perf_counter()
     timer.start()

@@ -48,7 +48,7 @@ class CompiledCalls:
         self._constants = len(module.prepare({}))
         self._module, self._caller = module.NAME, caller
         self._reasons: dict[str, str] = {}
-        self._known: set[str] = set()
+        self._registered: set[str] = set()
 
     def why_not(self, signature: Signature) -> str:
         """The reason why XLA cannot call a function, which it learns of now; empty where it can."""
@@ -102,13 +102,13 @@ class CompiledCalls:
     def _add_each(self, name: str) -> None:
         """Add the form for constants of each state to a function; where it can be had, and once."""
         with _adding:
-            if name in self._known:
+            if name in self._registered:
                 return
-            self._known.add(name)
+            self._registered.add(name)
             try:
                 function = self._library.function(name, c_library.EACH)
             except (c_library.CompilerError, CacheError, UsageError) as error:
-                if len(self._known) == 1:
+                if len(self._registered) == 1:
                     _log.warning(_ONE_BY_ONE, self._module, printable(error, 400))
                 return
             address = ctypes.cast(function, ctypes.c_void_p)

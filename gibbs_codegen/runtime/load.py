@@ -35,8 +35,8 @@ _SOURCES = {".c", ".jinja", ".m", ".py", ".toml"}
 
 _log = logging.getLogger("gibbs_codegen")
 _importing = threading.Lock()
-# Texts of robot files, and of those of modules, that a warning told of.
-_TOLD: set[tuple[bytes, ...]] = set()
+# Texts of robot files, and of those of modules, that a warning named.
+_WARNED: set[tuple[bytes, ...]] = set()
 
 
 def load(
@@ -202,8 +202,8 @@ def _warn_of_changes(folder: Path) -> None:
     files = Path(f"{folder.name}.toml"), folder / "robot.toml"
     if folder.parent == Path("generated") and all(map(os.path.isfile, files)):
         texts = tuple(file.read_bytes() for file in files)
-        if texts[0] != texts[1] and texts not in _TOLD:
-            _TOLD.add(texts)
+        if texts[0] != texts[1] and texts not in _WARNED:
+            _WARNED.add(texts)
             words = "%s differs from the file that %s was made of: run `gibbs-codegen generate %s`"
             _log.warning(words, *map(printable, (files[0], folder, files[0])))
 

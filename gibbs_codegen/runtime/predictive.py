@@ -392,11 +392,13 @@ class CompiledPredictive:
         robot = transcription.horizon.robot
         self._state = np.zeros(robot.space.coordinates + robot.space.velocities)
         self._u = np.zeros(robot.inputs)
-        own, state, u = (ctypes.c_void_p(x.ctypes.data) for x in (memory, self._state, self._u))
+        controller, state, u = (
+            ctypes.c_void_p(x.ctypes.data) for x in (memory, self._state, self._u)
+        )
 
         # To look a function up takes as long as to call it.
         def call(name: str, *arguments: ctypes.c_void_p) -> Callable[[], int]:
-            return partial(self._library[f"{self._name}_{name}"], own, *arguments)
+            return partial(self._library[f"{self._name}_{name}"], controller, *arguments)
 
         self.reset, self.prepare, self.shift = map(call, ("reset", "prepare", "shift"))
         self._feedback, self._act = call("feedback", state, u), call("act", u)

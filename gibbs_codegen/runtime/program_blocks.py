@@ -84,7 +84,7 @@ class BlockProgram:
             name: np.empty(x.shape if shared else (*batch, *x.shape), self._blocks.real)
             for (name, x), shared in zip(program.outputs.items(), self.shared, strict=True)
         }
-        given = [*rows, *self._owned(constants or {})]
+        blocks = [*rows, *self._owned(constants or {})]
         widths = [
             0 if array.size == x.size else x.size
             for array, x in zip(rows, program.inputs, strict=True)
@@ -92,7 +92,7 @@ class BlockProgram:
         self.run(
             math.prod(batch),
             self.distances([*widths, *[0] * len(self.owners)]),
-            [array.ctypes.data for array in (*given, *results.values())],
+            [array.ctypes.data for array in (*blocks, *results.values())],
         )
         return results
 
@@ -130,8 +130,8 @@ class BlockProgram:
                     f"{self._module.NAME}, loaded for C, returns for numbers, the same for all "
                     "states"
                 )
-        given = {x: np.frombuffer(y).astype(self._blocks.real) for x, y in constants.items()}
-        return [given.get(owner, self.default) for owner in self.owners]
+        converted = {x: np.frombuffer(y).astype(self._blocks.real) for x, y in constants.items()}
+        return [converted.get(owner, self.default) for owner in self.owners]
 
     def _checked(self, name: str, x: Node, value: Any) -> Array:
         array = np.asarray(value, dtype=self._blocks.real)
@@ -160,11 +160,11 @@ class BlockProgram:
                 f"MB, more than {_BETWEEN_ON_STACK / 1e6:.3g} MB of the stack; split it into "
                 "several programs"
             )
-        robot, each = Functions(self._module), self._per_state
+        robot, has_rows = Functions(self._module), self._per_state
         arrays = len(program.inputs) + len(self.owners) + len(program.outputs)
         self._pointers = ctypes.c_void_p * (arrays + 1)
         source = c_text(
-            [program], robot, self._blocks.lanes, per_state=each, engine=self._through_rows()
+            [program], robot, self._blocks.lanes, per_state=has_rows, engine=self._through_rows()
         )
         made = library(
             self._module,
@@ -172,7 +172,7 @@ class BlockProgram:
             {f"_{program.name}.c": source},
             f"the program {program.name}",
             single=self._blocks.single,
-            per_state=each,
+            per_state=has_rows,
         ).run_rows
         made.argtypes = ctypes.c_size_t, ctypes.c_void_p, ctypes.c_void_p
         made.restype = None

@@ -124,7 +124,7 @@ def entry(
     by their names, and constants of other owners; where there are several programs, that of the
     number of one comes last.
     """
-    given = [*owners, None, *names]
+    slots = [*owners, None, *names]
     first = programs[0].names.index("x") + 1
     leading = programs[0].names[:first]
     parameters = [*(f"const real {key}" for key in leading[:-1]), "const number *x"]
@@ -137,16 +137,16 @@ def entry(
     for number, program in enumerate(programs):
         text = CProgram(program, prefix)
         values = [f"(const void *const *)given[{len(owners)}]"] if text.has_context else []
-        values += [f"(const Constants *)given[{given.index(owner)}]" for owner in text.owners]
+        values += [f"(const Constants *)given[{slots.index(owner)}]" for owner in text.owners]
         values += leading
         for key, x in zip(program.names[first:], program.inputs[first:], strict=True):
             kind = "real" if x.is_uniform else "number"
-            at = f"(const {kind} *)given[{given.index(key)}]"
+            at = f"(const {kind} *)given[{slots.index(key)}]"
             values.append(f"*{at}" if x.shape == () else at)
-        # What is the same for all states is told of each.
+        # A result that all states share is written for each.
         uniform = {key: x for key, x in program.outputs.items() if text.uniform(x)}
         results = [f"uniform_{key}" if key in uniform else key for key in program.outputs]
-        chosen = f"if (*(const int *)given[{len(given)}] == {number}) "
+        chosen = f"if (*(const int *)given[{len(slots)}] == {number}) "
         lines += [
             f"    {chosen if len(programs) > 1 else ''}{{",
             *(f"        real uniform_{key}[{x.size}];" for key, x in uniform.items()),
@@ -188,7 +188,7 @@ def library(
     module: ModuleType,
     functions: Sequence[str],
     sources: Mapping[str, str],
-    what: str,
+    contents: str,
     *,
     single: bool = False,
     per_state: bool = False,
@@ -199,7 +199,7 @@ def library(
     """The library of C sources by their names, with the functions of a module that they call.
 
     These take `blocks` of states, or one, with `per_state` constants of each state too. `files` of
-    the module are compiled as well. A message says `what` is compiled.
+    the module are compiled as well. A message names the `contents`.
     Raises `CompilerError`, `CacheError` where the cache cannot be used, and `MissingFunctionError`.
     """
     name = module.NAME
@@ -212,7 +212,7 @@ def library(
         [*flags, *([f"-D{name.upper()}_FLOAT"] if single else [])],
         {file: text.encode() for file, text in sources.items()},
         functions=functions,
-        what=what,
+        contents=contents,
     )
     return opened(path)
 
@@ -256,8 +256,8 @@ class CompiledProgram:
         ]
         self._owned = kept, context
         source = {f"_{program.name}.c": c_text([program], Functions(module))}
-        what = f"the program {program.name}"
-        compiled = library(module, called([program]), source, what, blocks=False)
+        contents = f"the program {program.name}"
+        compiled = library(module, called([program]), source, contents, blocks=False)
         self._function = compiled[PREFIX + program.name]
 
     def run(self) -> None:

@@ -252,7 +252,7 @@ def take_pieces(
         while wait(futures, _WAIT_SECONDS).not_done:
             progress(pieces.share)
     finally:
-        pieces.given_up = True
+        pieces.stopped = True
         wait(futures)
     for future in futures:
         future.result()
@@ -266,7 +266,7 @@ class _Pieces:
         self._count, self._steps, self._threads = count, steps, threads
         self._lock = threading.Lock()
         self._first = self._done = 0
-        self.given_up = False
+        self.stopped = False
 
     @property
     def share(self) -> float:
@@ -276,7 +276,7 @@ class _Pieces:
     def take(self, call: Callable[[Piece], None]) -> None:
         """Take pieces until none are left, or the work is given up."""
         for _ in self.taken(call):
-            if self.given_up:
+            if self.stopped:
                 return
 
     def taken(self, call: Callable[[Piece], None]) -> Iterator[None]:

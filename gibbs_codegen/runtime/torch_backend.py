@@ -122,9 +122,9 @@ class TensorProgram:
         if plan.repeated:
             pairs = zip(operands, plan.repeated, strict=True)
             operands = [x.expand(shape) if shape else x for x, shape in pairs]
-        given = [x if x.is_contiguous() else x.contiguous() for x in operands]
+        tensors = [x if x.is_contiguous() else x.contiguous() for x in operands]
         results = [torch.empty(shape, dtype=_DOUBLE) for shape in plan.made]
-        addresses = [x.data_ptr() for x in given]
+        addresses = [x.data_ptr() for x in tensors]
         addresses[self._states :] = [
             addresses[self._states + self._owners.index(owner)]
             if owner in self._owners
@@ -157,7 +157,10 @@ class TensorProgram:
             count,
             compiled.distances(widths),
             tuple(repeated) if any(repeated) else (),
-            [s if own else (*batch, *s) for s, own in zip(self.made, shared, strict=True)],
+            [
+                s if is_shared else (*batch, *s)
+                for s, is_shared in zip(self.made, shared, strict=True)
+            ],
             [(*batch, *shape) for shape in self.made] if any(shared) else [],
         )
 
@@ -192,9 +195,9 @@ class TensorProgram:
             places = [place for place, needs in enumerate(needed) if needs]
             self._gradients[needed] = places, self.rule("gradient", " ".join(map(str, places)))
         places, rule = self._gradients[needed]
-        found = called(rule, [*operands[:count], *weights, *operands[count:]])
+        slopes = called(rule, [*operands[:count], *weights, *operands[count:]])
         gradients: list[Any] = [None] * len(operands)
-        for place, x in zip(places, found, strict=True):
+        for place, x in zip(places, slopes, strict=True):
             whole = pad(x, (self._default.size, 0)) if place >= count else x
             shape = operands[place].shape
             gradients[place] = whole if whole.shape == shape else whole.sum_to_size(shape)
@@ -367,8 +370,8 @@ def of_entries(program: Program, *, is_inner: bool = False) -> Program:
         entries = variable(name, *x.shape, uniform=is_inner and x.is_uniform)
         inputs.append(entries)
         if x.space:
-            given = entries if is_inner else _unit(entries, x.space)
-            arguments[x] = coordinates_of(given, x.space)
+            coordinates = entries if is_inner else _unit(entries, x.space)
+            arguments[x] = coordinates_of(coordinates, x.space)
         else:
             arguments[x] = entries
     outputs = substituted(program, arguments, _with_wheels)
@@ -415,7 +418,7 @@ class TensorFunction:
         key = f"{module.NAME} {key} {digest}"
         self._name, self._names, owners = program.name, program.names, owners_of(program)
         # torch.compile makes none.
-        self._given = {
+        self._by_owners = {
             some: _KNOWN.get(whole) or TensorProgram(program, module, some, whole)
             for count in range(len(owners) + 1)
             for some in itertools.combinations(owners, count)
@@ -436,10 +439,10 @@ class TensorFunction:
     def of_owners(self, inputs: Sequence[Any], constants: Mapping[str, Any]) -> Any:
         """Results of inputs, with constants of some owners."""
         owners = tuple(sorted(constants))
-        if owners not in self._given:
-            known = ", ".join([*self._given][-1]) or "none"
+        if owners not in self._by_owners:
+            known = ", ".join([*self._by_owners][-1]) or "none"
             raise UsageError(f"{self._name}: constants are of {known}, not of {', '.join(owners)}")
-        program = self._given[owners]
+        program = self._by_owners[owners]
         results = _called(
             program, tensors(program.names, [*inputs, *map(constants.__getitem__, owners)])
         )
@@ -473,12 +476,12 @@ def tensors(names: Sequence[str], values: Sequence[Any]) -> list[torch.Tensor]:
     ]
 
 
-def broadcast(what: str, shapes: Mapping[str, torch.Size]) -> tuple[int, ...]:
+def broadcast(noun: str, shapes: Mapping[str, torch.Size]) -> tuple[int, ...]:
     """The shape that shapes broadcast to, also where they are symbols; else as `common_shape`."""
     try:
         return torch.broadcast_shapes((), *shapes.values())
     except RuntimeError:
-        return common_shape(what, {name: (*shape,) for name, shape in shapes.items()})
+        return common_shape(noun, {name: (*shape,) for name, shape in shapes.items()})
 
 
 def torch_module(in_c: ModuleType) -> ModuleType:
@@ -511,12 +514,12 @@ class _ModuleFunction(GeneralFunction):
     def _by_name(self, by_name: Mapping[str, Any]) -> Any:
         constants = by_name.get("constants")
         if constants is None:
-            given = {}
+            owners = {}
         elif isinstance(constants, torch.Tensor) and constants.shape[-1:] == (self._size,):
-            given = {self._owner: constants}
+            owners = {self._owner: constants}
         else:
             raise TypeError("constants must be what this module's prepare() returned")
-        return self._on_tensors.of_owners([by_name[x] for x in self._arguments], given)
+        return self._on_tensors.of_owners([by_name[x] for x in self._arguments], owners)
 
 
 def _program(robot: Functions, name: str) -> Program:
@@ -544,11 +547,11 @@ def _prepare(in_c: ModuleType) -> Callable[[Mapping[str, Any]], Any]:
             in_c.prepare(dict.fromkeys(unknown, 0.0))
         values = tensors([*parameters], [*parameters.values()])
         dtype = values[0].dtype if values else _DOUBLE
-        given = dict(zip(parameters, values, strict=True))
-        shape = broadcast("values", {name: x.shape for name, x in given.items()})
+        changes = dict(zip(parameters, values, strict=True))
+        shape = broadcast("values", {name: x.shape for name, x in changes.items()})
         rows = torch.stack(
             [
-                (given[name] if name in given else torch.tensor(x, dtype=dtype)).expand(shape)
+                (changes[name] if name in changes else torch.tensor(x, dtype=dtype)).expand(shape)
                 for name, x in in_c.PARAMETERS.items()
             ],
             -1,

@@ -207,7 +207,7 @@ class _Returned:
 
     result: sp.Expr
     parts: list[sp.Expr]
-    said: dict[sp.Symbol, str]
+    words: dict[sp.Symbol, str]
 
 
 class Tape(Scalars):
@@ -221,7 +221,7 @@ class Tape(Scalars):
     def __init__(self) -> None:
         self.statements: dict[sp.Symbol, sp.Expr] = {}
         self.groups: dict[sp.Symbol, str] = {}
-        self._said = self.groups
+        self._words = self.groups
         self._group = ("", Stage.PARAMETER)
         self.stages: dict[sp.Symbol, Stage] = {}
         self._ranks: dict[sp.Symbol, int] = {}
@@ -261,11 +261,11 @@ class Tape(Scalars):
 
         Yields the words of the groups as they are said in the `with` block.
         """
-        outer, self._said = self._said, {}
+        outer, self._words = self._words, {}
         try:
-            yield self._said
+            yield self._words
         finally:
-            self._said = outer
+            self._words = outer
 
     def let(self, expression: sp.Expr) -> sp.Expr:
         """Name a result, once for the same expression: a number, or a symbol, maybe with a minus.
@@ -279,12 +279,12 @@ class Tape(Scalars):
         if returned is None:
             outer, self._parts = self._parts, []
             result = self._name(expression)
-            self._returned[expression] = _Returned(result, self._parts, self._said)
+            self._returned[expression] = _Returned(result, self._parts, self._words)
             self._parts = outer
             return result
         # Where another function has named it, only its words are new.
-        if returned.said is not self._said:
-            returned.said = self._said
+        if returned.words is not self._words:
+            returned.words = self._words
             for part in returned.parts:
                 if part.is_Symbol:
                     self._say(part)
@@ -402,7 +402,7 @@ class Tape(Scalars):
         words, earliest = self._group
         words = words if self.stages[name] >= earliest else WORDS_OF_CONSTANTS
         self.groups.setdefault(name, words)
-        self._said.setdefault(name, words)
+        self._words.setdefault(name, words)
 
     def _register(self, symbol: sp.Symbol, stage: Stage) -> None:
         self.stages[symbol] = stage

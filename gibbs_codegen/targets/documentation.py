@@ -262,8 +262,8 @@ def unknown_table(description: Description) -> list[str]:
     """A table of the unknowns of the hybrid system: accelerations, then constraint torques."""
     unknowns = []
     for entry in description.hybrid_coordinates:
-        unit, what = _DERIVATIVES[entry.unit]
-        unknowns.append(Coordinate(entry.name, unit, f"{what}{entry.meaning}"))
+        unit, prefix = _DERIVATIVES[entry.unit]
+        unknowns.append(Coordinate(entry.name, unit, f"{prefix}{entry.meaning}"))
     return coordinate_table(tuple(unknowns))
 
 

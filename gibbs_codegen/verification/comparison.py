@@ -40,14 +40,14 @@ class Comparison:
         return self.error <= self.limit and not self.fault
 
 
-def failed(what: str, against: str, fault: str | BaseException) -> Comparison:
+def failed(subject: str, against: str, fault: str | BaseException) -> Comparison:
     """A comparison that could not be made, or of something that is not a number."""
     text = str(fault) or type(fault).__name__
-    return Comparison(what, against, 0, np.inf, 0.0, printable(text, 400))
+    return Comparison(subject, against, 0, np.inf, 0.0, printable(text, 400))
 
 
 def compared(
-    what: str, against: str, ours: Array, theirs: Array, size: Array | float, limit: float
+    subject: str, against: str, ours: Array, theirs: Array, size: Array | float, limit: float
 ) -> Comparison:
     """Compare arrays, each with one entry for each state along its first axis.
 
@@ -57,7 +57,7 @@ def compared(
     ours, theirs = np.asarray(ours), np.asarray(theirs)
     if ours.shape != theirs.shape:
         fault = f"shape {ours.shape} instead of {theirs.shape}"
-        return Comparison(what, against, len(theirs), np.inf, limit, fault)
+        return Comparison(subject, against, len(theirs), np.inf, limit, fault)
     # Entries that are zero by nature must be zero.
     with np.errstate(divide="ignore", invalid="ignore"):
         errors = np.where(ours == theirs, 0.0, np.abs(ours - theirs) / size)
@@ -65,7 +65,7 @@ def compared(
     # Some are multiplied by what is less than 1.
     unknown = np.broadcast_to(size, theirs.shape) > 1e-100 * UNKNOWN
     unclear = int(unknown.any(axis=tuple(range(1, theirs.ndim))).sum())
-    return Comparison(what, against, len(theirs) - unclear, error, limit, unclear=unclear)
+    return Comparison(subject, against, len(theirs) - unclear, error, limit, unclear=unclear)
 
 
 def merged(comparisons: Iterable[Comparison]) -> list[Comparison]:

@@ -109,7 +109,7 @@ class ComplexSteps:
         self._values: dict[str, Any] = {name: values[name] for name in module.PARAMETERS}
         self._kernels = Kernels(module, _ELEMENTARY)
         self._width = len(module.VELOCITIES)
-        self._own = len(module.COORDINATES) - len(robot.wheels)  # Angles of these follow.
+        self._free = len(module.COORDINATES) - len(robot.wheels)  # Angles of these follow.
         self._signatures = {s.name: s for s in module_signatures(module)}
 
     def __call__(self, name: str, *arguments: Any) -> Any:
@@ -170,7 +170,7 @@ class ComplexSteps:
     def displacements(self, q: Array, rates: Array) -> Array:
         """Displacements (s, nv, columns) in the tangent space that change q (s, nq) at `rates`."""
         every = self("coordinate_rates", q[:, None], np.eye(self._width)[None])
-        rows = slice(self._own)
+        rows = slice(self._free)
         return np.linalg.pinv(np.swapaxes(every, 1, 2)[:, rows]) @ rates[:, rows]
 
     def _moved(self, at: Mapping[str, Any], unit: Any) -> dict[str, Any]:

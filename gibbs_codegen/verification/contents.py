@@ -106,15 +106,15 @@ def has_effect(
         Expected(formulated(NewtonEuler(Tree(model))), states).rows
         for model in (robot, with_values(robot, other))
     )
-    seen = [what for what in there if functions is None or what.partition(".")[0] in functions]
+    seen = [label for label in there if functions is None or label.partition(".")[0] in functions]
     # Values that have become NaN have changed too. Accelerations have the size of their forces.
-    rows = [(there[what][0], there[what][1], here[what][0]) for what in seen]
+    rows = [(there[label][0], there[label][1], here[label][0]) for label in seen]
     return not all(
         np.all(np.abs(ours - theirs) <= _CONSTANTS_LIMIT * (np.abs(ours) + np.abs(size)))
         for ours, size, theirs in rows
     )
 
 
-def _verdict(what: str, against: str, fault: str) -> Comparison:
+def _verdict(label: str, against: str, fault: str) -> Comparison:
     """A comparison that passes unless there is a fault in words."""
-    return failed(what, against, fault) if fault else Comparison(what, against, 0, 0.0, 0.0)
+    return failed(label, against, fault) if fault else Comparison(label, against, 0, 0.0, 0.0)

@@ -53,7 +53,7 @@ _INPUT_FORCES = {"input_forces_derivatives": "jacobian", "input_forces_hessian":
 class DerivativeRow(NamedTuple):
     """An array to compare, with its expected value and natural sizes."""
 
-    what: str
+    label: str
     ours: Array
     theirs: Array
     size: Array
@@ -98,10 +98,10 @@ def compare_derivatives(
                         rows = list(_KINDS[row.kind or _INPUT_FORCES[name]](function, values))
         except Exception as error:  # Whatever was done to the module.
             rows = []
-            comparisons += [failed(what, against, error) for what in values]
+            comparisons += [failed(label, against, error) for label in values]
         comparisons += [
-            compared(what, against, ours, theirs, size + np.abs(theirs), LIMIT)
-            for what, ours, theirs, size in rows
+            compared(label, against, ours, theirs, size + np.abs(theirs), LIMIT)
+            for label, ours, theirs, size in rows
         ]
         comparisons += _outside_patterns(call, name, values, ZEROS + circumstance)
     return explained(comparisons, call.faults)
@@ -112,7 +112,7 @@ def _outside_patterns(
 ) -> Iterator[Comparison]:
     """Compare entries that are said to be zero at every state with zero."""
     patterns = getattr(call.module, "PATTERNS", {})
-    for output, (what, array) in zip(FUNCTIONS[name].outputs, values.items(), strict=True):
+    for output, (label, array) in zip(FUNCTIONS[name].outputs, values.items(), strict=True):
         if output.name not in patterns:
             continue
         height = math.prod(array.shape[1:-1])  # Not −1: without columns that is not told.
@@ -121,9 +121,9 @@ def _outside_patterns(
             rows, columns = patterns[output.name]
             matrix[:, rows, columns] = 0.0
         except (IndexError, TypeError, ValueError) as error:
-            yield failed(what, against, error)
+            yield failed(label, against, error)
             continue
-        yield compared(what, against, matrix, np.zeros_like(matrix), 1.0, 0.0)
+        yield compared(label, against, matrix, np.zeros_like(matrix), 1.0, 0.0)
 
 
 class _Point:
@@ -301,14 +301,14 @@ def constraint_sizes(robots: Sequence[Robot], states: States, name: str, values:
     measures = [_Measure(Tree(robot), states, name) for robot in robots]
     arrays, size_of = list(values.values()), dict[str, Array]()
     count = len(arrays) // len(FUNCTIONS[row.derivative_of].outputs)
-    for what, array in values.items():
+    for label, array in values.items():
         # Rates of accelerations come before those of forces.
         some, forces = arrays[:count], arrays[count:]
         if len(size_of) >= count:
             some, forces = forces, []
         measured = np.array([measure(some, forces) for measure in measures])
         size = measured[0] if len(robots) == 1 else np.diagonal(measured)
-        size_of[what] = size.reshape(-1, *[1] * (array.ndim - 1))
+        size_of[label] = size.reshape(-1, *[1] * (array.ndim - 1))
     return size_of
 
 
@@ -318,15 +318,15 @@ def _constraint_rows(function: _OfConstraints, values: Values) -> Iterator[Deriv
     columns = np.split(np.arange(sum(widths)), np.cumsum(widths)[:-1])
     rows = iter(values.items())
     for part, (value, size) in zip(function.parts, function.values, strict=True):
-        what, ours = next(rows)
-        yield DerivativeRow(what, ours, value, size)
+        label, ours = next(rows)
+        yield DerivativeRow(label, ours, value, size)
         for some in columns:
-            what, ours = next(rows)
+            label, ours = next(rows)
             theirs = function.jacobian[..., some]
             # In the units of the columns, and beside the values.
             units = function.units[some]
             scaled = function._largest(theirs * units, part) + size[:, :, None]
-            yield DerivativeRow(what, ours, theirs[:, part], scaled / units)
+            yield DerivativeRow(label, ours, theirs[:, part], scaled / units)
 
 
 # Weights of an array's entries, and their units.
@@ -490,8 +490,8 @@ class _Forces(_Function):
 
 def _value_rows(function: _Function, values: Values) -> Iterator[DerivativeRow]:
     """The results of a function."""
-    for (what, ours), (theirs, size) in zip(values.items(), function.values, strict=False):
-        yield DerivativeRow(what, function.as_forces(ours), theirs, size)
+    for (label, ours), (theirs, size) in zip(values.items(), function.values, strict=False):
+        yield DerivativeRow(label, function.as_forces(ours), theirs, size)
 
 
 def _jacobian_rows(function: _Function, values: Values) -> Iterator[DerivativeRow]:
@@ -500,17 +500,17 @@ def _jacobian_rows(function: _Function, values: Values) -> Iterator[DerivativeRo
     yield from _value_rows(function, {n: x for n, x in values.items() if x.ndim < axes})
     # Those by wrenches have an axis more.
     matrices = {
-        what: matrix.reshape(*shape, math.prod(matrix.shape[axes - 1 :]))
+        label: matrix.reshape(*shape, math.prod(matrix.shape[axes - 1 :]))
         if matrix.shape[: axes - 1] == shape
         else matrix
-        for what, matrix in values.items()
+        for label, matrix in values.items()
         if matrix.ndim >= axes
     }
     ends = np.cumsum([matrix.shape[-1] for matrix in matrices.values()])
-    for (what, ours), end in zip(matrices.items(), ends, strict=True):
+    for (label, ours), end in zip(matrices.items(), ends, strict=True):
         columns = (..., slice(end - ours.shape[-1], end))
         theirs, size = function.jacobian[columns], function.size[columns]
-        yield DerivativeRow(what, function.as_forces(ours), function.as_forces(theirs), size)
+        yield DerivativeRow(label, function.as_forces(ours), function.as_forces(theirs), size)
 
 
 def _jvp_rows(function: _Forces | _Array, values: Values) -> Iterator[DerivativeRow]:
@@ -523,13 +523,13 @@ def _jvp_rows(function: _Forces | _Array, values: Values) -> Iterator[Derivative
             np.einsum("s...j,sj->s...", x, y)
             for x, y in ((function.jacobian, direction), (function.size, np.abs(direction)))
         )
-        for what, ours in values.items():
-            yield DerivativeRow(what, ours, theirs, size)
+        for label, ours in values.items():
+            yield DerivativeRow(label, ours, theirs, size)
         return
     theirs = times(function.jacobian, direction)
     size = times(function.size_by(function.units), np.abs(direction)) + function.inertial(theirs)
-    for what, ours in values.items():
-        yield DerivativeRow(what, function.as_forces(ours), function.as_forces(theirs), size)
+    for label, ours in values.items():
+        yield DerivativeRow(label, function.as_forces(ours), function.as_forces(theirs), size)
 
 
 def _vjp_rows(function: _Forces | _Array, values: Values) -> Iterator[DerivativeRow]:
@@ -544,9 +544,9 @@ def _vjp_rows(function: _Forces | _Array, values: Values) -> Iterator[Derivative
         size = np.einsum("sij,si->sj", function.size_by(function.units), function.weights)
     ends = np.cumsum([math.prod(gradient.shape[1:]) for gradient in values.values()])[:-1]
     parts = (np.split(x, ends, axis=-1) for x in (theirs, size))
-    for (what, ours), expected, part in zip(values.items(), *parts, strict=True):
+    for (label, ours), expected, part in zip(values.items(), *parts, strict=True):
         flat = ours.reshape(expected.shape) if ours.size == expected.size else ours
-        yield DerivativeRow(what, flat, expected, part)
+        yield DerivativeRow(label, flat, expected, part)
 
 
 def _hessian_rows(function: _Forces, values: Values) -> Iterator[DerivativeRow]:
@@ -560,9 +560,9 @@ def _hessian_rows(function: _Forces, values: Values) -> Iterator[DerivativeRow]:
     widths = [len(function.point.units[letter]) for letter in function.at]
     ends = np.cumsum(widths)
     places = {x: slice(e - w, e) for x, e, w in zip(function.at, ends, widths, strict=True)}
-    for what, ours in values.items():
-        block = tuple(places.get(letter, slice(None)) for letter in what[-2:])
-        yield DerivativeRow(what, ours, theirs[:, *block], size[:, *block])
+    for label, ours in values.items():
+        block = tuple(places.get(letter, slice(None)) for letter in label[-2:])
+        yield DerivativeRow(label, ours, theirs[:, *block], size[:, *block])
 
 
 def _parameter_rows(function: _Forces | _OfActuators, values: Values) -> Iterator[DerivativeRow]:
@@ -574,25 +574,25 @@ def _parameter_rows(function: _Forces | _OfActuators, values: Values) -> Iterato
     size = function.size_by(np.array([abs(x) or of.unit(*natural) for x, of in pairs]))
     # Zeros of what is no zero have no derivative.
     smooth = [x != 0.0 or not of.no_zero for x, of in pairs]
-    for what, ours in values.items():
+    for label, ours in values.items():
         if isinstance(function, _Forces) and ours.ndim < theirs.ndim:
             theirs = np.einsum("sij,si->sj", theirs, function.w)
             size = np.einsum("sij,si->sj", size, function.weights)
-        yield DerivativeRow(what, ours[..., smooth], theirs[..., smooth], size[..., smooth])
+        yield DerivativeRow(label, ours[..., smooth], theirs[..., smooth], size[..., smooth])
 
 
 def _coriolis_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
     """C v is the part of velocities in the forces, and Ṁ − 2 C is skew-symmetric."""
     states, sizes, call = point.states, point.sizes, point.call
-    ((what, coriolis),) = values.items()
+    ((label, coriolis),) = values.items()
     tree = point.tree
     damped = tree.passive.damped(tree.at_joints(states.q), tree.spread(states.v))[:, tree.free]
     still = call("residual", states.q, 0.0 * states.v)
     forces = still - call("residual", states.q, states.v) - damped
-    yield DerivativeRow(f"{what}.product", times(coriolis, states.v), forces, sizes.free_effort)
+    yield DerivativeRow(f"{label}.product", times(coriolis, states.v), forces, sizes.free_effort)
     size = sizes.free_matrix * sizes.rate[:, None, None]
     both = coriolis + np.swapaxes(coriolis, -1, -2)
-    yield DerivativeRow(f"{what}.symmetric_part", both, _matrix_rate(point), size)
+    yield DerivativeRow(f"{label}.symmetric_part", both, _matrix_rate(point), size)
 
 
 def _matrix_rate(point: _Point) -> Array:
@@ -604,13 +604,13 @@ def _matrix_rate(point: _Point) -> Array:
 def _momentum_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
     """The momentum is M v, and ṗ = R + Ṁ v where nothing is put in."""
     states, sizes, call = point.states, point.sizes, point.call
-    ((what, ours),) = values.items()
-    if what == "momentum":
+    ((label, ours),) = values.items()
+    if label == "momentum":
         theirs = times(call("mass_matrix", states.q), states.v)
-        yield DerivativeRow(what, ours, theirs, sizes.free_units * sizes.largest(states.v))
+        yield DerivativeRow(label, ours, theirs, sizes.free_units * sizes.largest(states.v))
         return
     theirs = call("residual", states.q, states.v) + times(_matrix_rate(point), states.v)
-    yield DerivativeRow(what, ours, theirs, sizes.free_effort)
+    yield DerivativeRow(label, ours, theirs, sizes.free_effort)
 
 
 def _reference_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
@@ -620,13 +620,13 @@ def _reference_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
     for half of what two velocities do to each other: polarised.
     """
     states, sizes, tree = point.states, point.sizes, point.tree
-    ((what, ours),) = values.items()
-    passive = what == "passive_inverse_dynamics"
+    ((label, ours),) = values.items()
+    passive = label == "passive_inverse_dynamics"
 
     def at(v: Array, a: Array) -> Array:
         if passive:
             return point.call("inverse_dynamics", states.q, v, a)
-        return point.call(what, states.q, v, v, a)
+        return point.call(label, states.q, v, v, a)
 
     bracket, none = np.zeros_like(states.v), np.zeros_like(states.v)
     if tree.layout.turns_with_base:
@@ -644,7 +644,7 @@ def _reference_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
     if not passive:
         size = np.abs(theirs).max(axis=(1, 2), keepdims=True)
         yield from _regressor_rows(point, values)
-    yield DerivativeRow(what, ours, theirs, size)
+    yield DerivativeRow(label, ours, theirs, size)
 
 
 def _regressor_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
@@ -652,10 +652,10 @@ def _regressor_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
 
     Rotors behind gears are none of these: with the carrier and the link they count for columns.
     """
-    ((what, ours),) = values.items()
+    ((label, ours),) = values.items()
     count = -(-_ROWS * ours.shape[-1] // ours.shape[-2])
     states = States.random(point.tree, count, 0)
-    matrix = _regressor(point, what, states)
+    matrix = _regressor(point, label, states)
     rng = np.random.default_rng(0)
     forces, efforts = [], []
     reach, mass = point.tree.reach, point.tree.mass
@@ -680,13 +680,13 @@ def _regressor_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
         columns = columns / np.where(lengths > 0.0, lengths, 1.0)
         solution = np.linalg.lstsq(columns, wanted, rcond=None)[0]
         found_forces = (columns @ solution).reshape(theirs.shape) * units
-    yield DerivativeRow(f"{what}.columns", found_forces, theirs, size)
+    yield DerivativeRow(f"{label}.columns", found_forces, theirs, size)
 
 
-def _regressor(point: _Point, what: str, states: States) -> Array:
+def _regressor(point: _Point, label: str, states: States) -> Array:
     """A regressor; that of a reference for one that is the motion itself."""
-    letters = (letter.removesuffix("_r") for letter in FUNCTIONS[what].arguments)
-    return point.call(what, *(getattr(states, letter) for letter in letters))
+    letters = (letter.removesuffix("_r") for letter in FUNCTIONS[label].arguments)
+    return point.call(label, *(getattr(states, letter) for letter in letters))
 
 
 def _base_parameter_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
@@ -703,10 +703,10 @@ def _base_parameter_rows(point: _Point, values: Values) -> Iterator[DerivativeRo
     passive = (tree.passive.armature + tree.passive.reflected) * a - tree.passive.forces(q, v)
     theirs = call("inverse_dynamics", states.q, states.v, states.a)
     theirs -= tree.folded(passive)[:, tree.free]
-    for what, parameters in values.items():
+    for label, parameters in values.items():
         ours = times(regressor, parameters)
         size = sizes.free_inertial_effort
-        yield DerivativeRow(f"{what}.product", ours, theirs, size)
+        yield DerivativeRow(f"{label}.product", ours, theirs, size)
 
 
 _KINDS: dict[str, Callable[..., Iterator[DerivativeRow]]] = {

@@ -53,21 +53,21 @@ class Expected:
             constraint_rows = Constraints(tree, self._rounding).rows(
                 quantities, states, self.sizes, residual + driven
             )
-            for what, value, size in constraint_rows:
-                if what == ACCELERATION:
-                    self._driven[what] = driven + value, size
+            for label, value, size in constraint_rows:
+                if label == ACCELERATION:
+                    self._driven[label] = driven + value, size
                 else:
-                    held.append((what, value, size))
+                    held.append((label, value, size))
         rows = [
             *held,
-            *((what, residual + by, size) for what, (by, size) in self._driven.items()),
+            *((label, residual + by, size) for label, (by, size) in self._driven.items()),
             *_system(tree, quantities, inputs, states, self.sizes),
             *frame_rows(tree, quantities, states, self.sizes),
             *mass_rows(tree, quantities, states, self.sizes),
             *displacement_rows(tree, states),
         ]
         self.rows: dict[str, tuple[Array, Array]] = {
-            what: (theirs, size) for what, theirs, size in rows
+            label: (theirs, size) for label, theirs, size in rows
         }
         self.rows |= quantities.actuators or {}
 
@@ -91,15 +91,15 @@ class Expected:
         # Where angles are large, rounding their sums is what limits the rest.
         angles = np.maximum(1.0, self._rounding * self.sizes.angles[:count] / self._limit)
         comparisons = []
-        for what in filter(self.rows.__contains__, values):
-            ours, (theirs, size) = values[what][:count], self.rows[what]
-            if what in self._driven:  # Unlike the accelerations, M a is well-conditioned.
+        for label in filter(self.rows.__contains__, values):
+            ours, (theirs, size) = values[label][:count], self.rows[label]
+            if label in self._driven:  # Unlike the accelerations, M a is well-conditioned.
                 size = self.sizes.balance(ours) + size[:count]
                 with np.errstate(invalid="ignore"):  # Infinite ones are infinitely far off.
                     ours = times(self._matrix[:count], ours)
             size = size[:count] * angles.reshape(-1, *[1] * (size.ndim - 1))
             comparisons.append(
-                compared(what, against or self._name, ours, theirs[:count], size, self._limit)
+                compared(label, against or self._name, ours, theirs[:count], size, self._limit)
             )
         return comparisons
 
@@ -112,8 +112,8 @@ def input_matrix(tree: Tree, quantities: Quantities) -> Array:
     drags = np.array([motor.drag for motor in tree.motors])[:, None] * thrusts
     wrenches = np.concatenate([thrusts, drags], axis=-1)
     driven = np.einsum("skij,ski->sjk", quantities.jacobians[:, :rotors], wrenches)
-    own = tree.gains[tree.driven].T
-    return np.concatenate([driven, np.broadcast_to(own, (len(driven), *own.shape))], axis=-1)
+    gains = tree.gains[tree.driven].T
+    return np.concatenate([driven, np.broadcast_to(gains, (len(driven), *gains.shape))], axis=-1)
 
 
 def _system(
@@ -288,11 +288,11 @@ def frame_rows(tree: Tree, quantities: Quantities, states: States, sizes: Sizes)
         yield from _of_frames(tree, "bias_acceleration", quantities.bias_accelerations, rate * size)
 
 
-def _of_frames(tree: Tree, what: str, values: Array, size: Array) -> Iterator[Row]:
+def _of_frames(tree: Tree, label: str, values: Array, size: Array) -> Iterator[Row]:
     """Rows of the functions of all frames, `values` (s, frames, …), and of the tip by itself."""
-    yield f"frame_{what}s", values, size
+    yield f"frame_{label}s", values, size
     if tree.tip is not None:
-        yield f"tip_{what}", values[:, tree.tip], size[:, tree.tip]
+        yield f"tip_{label}", values[:, tree.tip], size[:, tree.tip]
 
 
 def wrench_forces(tree: Tree, quantities: Quantities, states: States) -> Array:

@@ -60,22 +60,22 @@ class Invariants:
 
     def mass_matrix(self) -> Iterator[Comparison]:
         """Symmetric, the same everywhere, and positive definite."""
-        what = "mass_matrix"
-        if not self.evaluation.has(what):
+        name = "mass_matrix"
+        if not self.evaluation.has(name):
             return
-        matrix = self.values[what]
+        matrix = self.values[name]
         transposed = np.swapaxes(matrix, -1, -2)
-        yield compared(what, "its transpose, bit for bit", matrix, transposed, 1.0, 0.0)
+        yield compared(name, "its transpose, bit for bit", matrix, transposed, 1.0, 0.0)
         elsewhere = self.states.q.copy()
         elsewhere[:, self.tree.layout.q.position] += 1.0
-        moved = self.evaluation(what, elsewhere)
-        yield compared(what, "itself elsewhere, bit for bit", moved, matrix, 1.0, 0.0)
+        moved = self.evaluation(name, elsewhere)
+        yield compared(name, "itself elsewhere, bit for bit", moved, matrix, 1.0, 0.0)
         scaled = matrix / self.sizes.free_matrix
         lowest = np.linalg.eigvalsh(scaled).min() if np.isfinite(scaled).all() else -np.inf
         fault = "" if lowest > 0.0 else f"an eigenvalue is {lowest:.2g}"
         # How far below zero: no error where it is not.
         error = max(0.0, -float(lowest))
-        yield Comparison(what, "positive definite", len(matrix), error, 0.0, fault)
+        yield Comparison(name, "positive definite", len(matrix), error, 0.0, fault)
 
     def hybrid(self) -> Iterator[Comparison]:
         """The reduced system's accelerations and constraint torques solve the hybrid system."""
@@ -133,8 +133,8 @@ class Invariants:
             gain = np.abs(a / sizes.scales).sum(axis=-1)
             size = sizes.kinetic + sizes.potential
             size = size * (sizes.rate + np.sqrt(gain) + gain / sizes.rate)
-            what = "power balance, Ė = vᵀB u"
-            yield compared("forward_dynamics", what, rate, power, size, EXACT)
+            law = "power balance, Ė = vᵀB u"
+            yield compared("forward_dynamics", law, rate, power, size, EXACT)
 
 
 OF_EACH = "constants of each state"
@@ -238,11 +238,11 @@ class _OneByOne(Results):
 
     def __init__(self, module: ModuleType, constants: Sequence[Any]) -> None:
         super().__init__(module, None, (len(constants),))
-        self._each = constants
+        self._constants = constants
 
     def _computed(self, name: str, arguments: Sequence[Array]) -> Any:
         every = []
-        for i, constants in enumerate(self._each):
+        for i, constants in enumerate(self._constants):
             self._keywords = {"constants": constants}
             every.append(super()._computed(name, [x[i] for x in arguments]))
         return [np.array(arrays) for arrays in zip(*every, strict=True)]
@@ -270,6 +270,6 @@ def _alike(
     ours: Values, theirs: Values, against: str, limit: float, sizes: Values
 ) -> Iterator[Comparison]:
     """Compare the arrays of a function with `theirs`, errors relative to sizes or largest entry."""
-    for what, array in theirs.items():
-        size = sizes.get(what, np.abs(array).max(initial=0.0))
-        yield compared(what, against, ours[what], array, size, limit)
+    for name, array in theirs.items():
+        size = sizes.get(name, np.abs(array).max(initial=0.0))
+        yield compared(name, against, ours[name], array, size, limit)

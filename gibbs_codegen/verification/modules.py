@@ -94,8 +94,8 @@ def verify(
     try:
         for backend in backends:
 
-            def step(what: str, backend: str = backend) -> None:
-                progress(f"{backend}: {what}")
+            def step(stage: str, backend: str = backend) -> None:
+                progress(f"{backend}: {stage}")
 
             step("loading")
             comparisons = [same_file]

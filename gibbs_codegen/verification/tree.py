@@ -301,8 +301,8 @@ class PassiveForces:
         """Forces (…, size), N m and N, of dampers and springs, at q and v of all joints."""
         moved = q[..., None, :] + 1j * COMPLEX_STEP * np.eye(self._tree.size)
         slopes = np.imag(self._lengths(moved)) / COMPLEX_STEP
-        own = self._damping * v + self._stiffness * (q - self._rest)
-        return -own - times(slopes, self._tensions(q, v))
+        efforts = self._damping * v + self._stiffness * (q - self._rest)
+        return -efforts - times(slopes, self._tensions(q, v))
 
     def damped(self, q: Array, v: Array) -> Array:
         """The part of these (…, size) that velocities make, against them."""

@@ -93,5 +93,5 @@ def test_words_are_those_of_the_tape_or_of_the_block_in_which_a_node_was_made() 
     with imported.group("cubes"):
         cube = imported.graph.product(ref, imported.ref(x))
     other = imported.graph.product(cube, cube)
-    assert imported.said(cube >> 1) == "cubes"
-    assert imported.said(other >> 1) == imported.said(ref >> 1) == ""
+    assert imported.words_of(cube >> 1) == "cubes"
+    assert imported.words_of(other >> 1) == imported.words_of(ref >> 1) == ""

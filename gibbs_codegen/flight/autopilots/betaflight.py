@@ -32,12 +32,12 @@ _LEAST_RATE = 50.0
 _STATE_PACKET = struct.Struct("<18d")
 _RC_PACKET = struct.Struct("<d16H")
 _MOTOR_PACKET = struct.Struct("<4f")
-# How often sticks are told, Hz, and how long motors may take to come, s, before the last ones hold.
+# Rate of sticks, Hz, and how long motors may take to come, s, before the last ones hold.
 _STICKS, _LATE = 100.0, 0.1
 # States that are answered before its loop is known to run. It answers the first one in any case,
 # also while it starts, and is not long without an answer once it has started, s.
 _ANSWERS, _START = 5, 5.0
-# For how long the start and its sticks are told before a flight, s: until it has calibrated its
+# How long the start and its sticks are sent before a flight, s: until it has calibrated its
 # gyroscope, and is no more armed by the sticks of a flight before.
 _HEARD = 2.0
 # Pulse widths that can be meant, µs.
@@ -159,7 +159,7 @@ class Betaflight:
             readings: Readings of the sensors now.
         """
         now, rate = (self._step + 1) / self._rate, self._rate
-        # A receiver that is told sticks before it has started never listens to them.
+        # A receiver that gets sticks before it has started never listens to them.
         is_due = self._answers == _ANSWERS and self._step % max(round(rate / _STICKS), 1) == 0
         if self._sticks is not None and is_due:
             pulses = np.clip(self._sticks(readings), *_WIDTHS).tolist()
@@ -189,7 +189,7 @@ class Betaflight:
 
 
 def _places(machine: Machine) -> tuple[list[int], list[str]]:
-    """For each rotor the place of its motor in Betaflight's packets; what is to be told of them."""
+    """For each rotor the place of its motor in Betaflight's packets; notes on them."""
     _, torques = np.split(machine.vehicle.thrust_wrenches(), 2)
     corners = [(bool(-about_y > 0.0), bool(about_x > 0.0)) for about_x, about_y, _ in torques.T]
     if machine.rotors != 4 or {*corners} != {*_PLACES}:

@@ -94,7 +94,7 @@ class Machine:
         robot: ModuleType | str | os.PathLike[str],
         scenario: Scenario,
         servos: bool = False,
-        progress: Progress = lambda what, share: None,
+        progress: Progress = lambda stage, share: None,
     ) -> None:
         settings = replace(scenario.integration, method="rk4", divergence=math.inf)
         scenario = replace(scenario, integration=settings)

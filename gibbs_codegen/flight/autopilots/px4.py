@@ -1,7 +1,7 @@
 """PX4 in lockstep, over MAVLink: its simulator is a server to which PX4 connects.
 
 PX4 waits for readings before its time goes on, and answers them with outputs. Until it answers for
-the first time, the machine rests in its start, and only the clock that PX4 is told runs.
+the first time, the machine rests in its start, and only the clock that PX4 reads runs.
 """
 
 from __future__ import annotations

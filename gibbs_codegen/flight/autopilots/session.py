@@ -17,7 +17,7 @@ from gibbs_codegen.errors import GibbsCodegenError, UsageError, cause_of
 from gibbs_codegen.flight.autopilots.machine import Machine, Outputs, Telemetry
 from gibbs_codegen.flight.plant.sensors import SAME
 
-# Share of the speed asked for that is told as too slow.
+# A note is on flights below this share of the speed asked for.
 _SLOW = 0.95
 
 
@@ -67,7 +67,7 @@ def fly(
     link: AutopilotLink,
     duration: float,
     speed: float = 1.0,
-    progress: Callable[[str, float], None] = lambda what, share: None,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> Session:
     """Fly a machine under an autopilot, until the time is over or somebody ends it.
 
@@ -118,7 +118,7 @@ def fly(
 
 def counted(odd: Mapping[str, int]) -> list[str]:
     """Notes of what was counted, in words, if there was any."""
-    return [f"{count} {what}" for what, count in odd.items() if count]
+    return [f"{count} {event}" for event, count in odd.items() if count]
 
 
 def opened(kind: socket.SocketKind, host: str, port: int) -> socket.socket:

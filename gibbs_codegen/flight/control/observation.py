@@ -55,7 +55,7 @@ class Observation:
 
     - `sensors`: by the names of the robot's sensors what they read last, a tuple of the `time` at
       which that was measured, s, and the `values`, which `SensorSuite` describes; NaN before
-    - `estimate`: with `control.estimate`, what the filter tells that q and v are of, an `Estimate`
+    - `estimate`: with `control.estimate`, what the filter knows of q and v, an `Estimate`
       with deviations; else None
 
     All from `a` to `q_ahead` are computed when they are first asked for.

@@ -594,14 +594,14 @@ class Predictive:
         unmatched, cost, name = {*self.signals}, self.cost, robot.name
         if cost is not None:
             nodes = (*robot.state(), variable("u", robot.inputs), variable("time"))
-            own = dict(zip(("q", "v", "u", "time"), nodes, strict=True))
+            variables = dict(zip(("q", "v", "u", "time"), nodes, strict=True))
             inputs = [*zip(cost.names, cost.inputs, strict=True)]
-            pairs = [(x, own[key]) for key, x in inputs if key in own]
+            pairs = [(x, variables[key]) for key, x in inputs if key in variables]
             modules = {*owners_of(cost), *(module for module, _ in functions_of(cost))}
             is_vector = [(len(x.shape), x.space) for x in cost.outputs.values()] == [(1, None)]
             for is_right, words in (
                 (is_vector, "have one output, a vector"),
-                (({*own} - {"time"}) & {*cost.names}, "have q, v or u among its inputs"),
+                (({*variables} - {"time"}) & {*cost.names}, "have q, v or u among its inputs"),
                 (
                     all((x.shape, x.space) == (y.shape, y.space) for x, y in pairs),
                     f"have q, v and u as `Functions` of {name} makes them, and a number time",
@@ -612,7 +612,7 @@ class Predictive:
             ):
                 if not is_right:
                     raise UsageError(f"predictive: cost: {cost.name} must {words}")
-            unmatched ^= {*cost.names} - {*own}
+            unmatched ^= {*cost.names} - {*variables}
         if unmatched:
             raise UsageError(
                 "predictive: signals must have one function of times for each input of the cost "

@@ -93,7 +93,7 @@ class ZeroOrderHold:
 
     @property
     def tables(self) -> list[Array]:
-        """Tables of the curves by which errors are told."""
+        """Tables of the curves that give errors."""
         return curve_tables(self.reference, self.reference)
 
     def fault(self, command: Any) -> str:
@@ -106,8 +106,8 @@ class ZeroOrderHold:
         if not wrong_value and numbers.shape != (len(names),):
             wrong_value = f"an array of shape {numbers.shape}"
         if wrong_value:
-            what = "inputs" if names == self.vehicle.inputs else "commands"
-            return f"{wrong_value}, and not {len(names)} {what}: {', '.join(names)}"
+            noun = "inputs" if names == self.vehicle.inputs else "commands"
+            return f"{wrong_value}, and not {len(names)} {noun}: {', '.join(names)}"
         if np.isfinite(numbers).all():
             return ""
         wrong = np.flatnonzero(~np.isfinite(numbers))[0]

@@ -151,11 +151,11 @@ def check_still(vehicle: Vehicle, q: Array, time: Array, limits: TimingLimits) -
 
 @dataclass(frozen=True)
 class Binding:
-    """A limit that is reached from `begin` to `end`, s: `what` names it."""
+    """A limit that is reached from `begin` to `end`, s: `limit` names it."""
 
     begin: float
     end: float
-    what: str
+    limit: str
 
 
 def binding(vehicle: Vehicle, demand: Demand, limits: TimingLimits) -> tuple[Binding, ...]:
@@ -178,12 +178,12 @@ def binding(vehicle: Vehicle, demand: Demand, limits: TimingLimits) -> tuple[Bin
             ),
         )
     bindings = [
-        Binding(begin, end, f"{what} {name}")
-        for what, inputs, flags in reached
+        Binding(begin, end, f"{quantity} {name}")
+        for quantity, inputs, flags in reached
         for name, series in zip(inputs, flags.T, strict=True)
         for begin, end in _runs(demand.time, series)
     ]
-    return tuple(sorted(bindings, key=lambda b: (b.begin, b.end, b.what)))
+    return tuple(sorted(bindings, key=lambda b: (b.begin, b.end, b.limit)))
 
 
 def _runs(time: Array, flags: Flags) -> list[tuple[float, float]]:

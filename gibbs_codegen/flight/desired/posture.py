@@ -102,20 +102,20 @@ def _first_closed(vehicle: Vehicle, q: Array) -> Array | None:
     start, places = q.copy(), _undriven(vehicle)
     start[vehicle.arm] = np.array(vehicle.module.POSTURE)[vehicle.arm]
     guess = np.concatenate([q[: vehicle.arm.start], start[vehicle.arm], q[vehicle.arm.stop :]])
-    found = None
+    closed = None
     if np.any(q[places] != start[places]):
-        guess, found = q, _near_closed(vehicle, q)
-    if found is None:
-        found, way = start, q - start
+        guess, closed = q, _near_closed(vehicle, q)
+    if closed is None:
+        closed, way = start, q - start
         way[places] = 0.0
         parts = int(np.ceil(np.abs(way).max() / _PART)) + 1
         for _ in range(parts):
-            found = None if found is None else _near_closed(vehicle, found + way / parts)
-    if found is not None:
+            closed = None if closed is None else _near_closed(vehicle, closed + way / parts)
+    if closed is not None:
         turns = vehicle.is_angle[places]
-        away = found[places] - guess[places]
-        found[places] -= np.where(turns, 2.0 * np.pi * np.round(away / (2.0 * np.pi)), 0.0)
-    return found
+        away = closed[places] - guess[places]
+        closed[places] -= np.where(turns, 2.0 * np.pi * np.round(away / (2.0 * np.pi)), 0.0)
+    return closed
 
 
 def _near_closed(vehicle: Vehicle, q: Array) -> Array | None:

@@ -50,7 +50,7 @@ Progress = Callable[[str, float], None]
 
 
 def desired_motion(
-    vehicle: Vehicle, scenario: Scenario, progress: Progress = lambda what, share: None
+    vehicle: Vehicle, scenario: Scenario, progress: Progress = lambda stage, share: None
 ) -> Reference:
     """Desired coordinates, rates and accelerations of a scenario, as functions of time.
 
@@ -386,18 +386,18 @@ _NOTHING = "nothing moves, so there is nothing to time"
 class TimedMotion:
     """A scenario at the times at which it is flown, and its desired motion.
 
-    `said` tells of the timing in words, "" where it is that of the paths; `binding` are the limits
+    `explanation` is the timing in words, "" where it is that of the paths; `binding` are the limits
     that it reaches.
     """
 
     scenario: Scenario
     reference: Reference
-    said: str = ""
+    explanation: str = ""
     binding: tuple[demands.Binding, ...] = ()
 
 
 def timed_motion(
-    vehicle: Vehicle, scenario: Scenario, progress: Progress = lambda what, share: None
+    vehicle: Vehicle, scenario: Scenario, progress: Progress = lambda stage, share: None
 ) -> TimedMotion:
     """The desired motion of a scenario, by its law of timing.
 

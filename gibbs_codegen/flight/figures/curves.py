@@ -278,15 +278,15 @@ def _panels(flight: Flight) -> list[_Panel]:
     ]
 
 
-def _coordinate_curves(flight: Flight, what: str, places: Sequence[int]) -> Curves:
+def _coordinate_curves(flight: Flight, quantity: str, places: Sequence[int]) -> Curves:
     """Curves, in deg or m, of coordinates that are all angles, all lengths or a quaternion.
 
-    `what` is what they are, for the label, and `places` (k) are in q.
+    `quantity` is for the label, and `places` (k) are in q.
     """
     unit, factor = flight.layout.q.units[places[0]], 1.0
     if unit == "rad":
         unit, factor = "deg", 180.0 / np.pi
-    label = f"{what} ({unit})" if unit != "1" else "quaternion"
+    label = f"{quantity} ({unit})" if unit != "1" else "quaternion"
     names = [symbol(flight.coordinates[place]) for place in places]
     actual, desired = (factor * q[:, places] for q in (flight.q, flight.q_desired))
     return Curves(label, names, actual, desired)

@@ -39,7 +39,7 @@ def write_results(
     folder: str | os.PathLike[str],
     figures: bool = True,
     animation: str = "",
-    progress: Callable[[str, float], None] = lambda what, share: None,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
     formats: Sequence[str] = FORMATS[:1],
     workers: Workers | None = None,
 ) -> list[Path]:

@@ -147,7 +147,7 @@ class ClosedLoop:
         """
         check_charge(self.vehicle, charge)
         if self.hold is not None:
-            # What the first sample is told, before anything is commanded.
+            # The first sample sees this before anything is commanded.
             none = np.zeros_like(self.hold.inputs)
             parts = self.parts(self._settled(q, v, none, charge))
             self.hold.start(q, v, partial(self.measured, 0.0, parts, none))

@@ -26,9 +26,9 @@ from gibbs_codegen.machine.closed_loop import STILL
 _log = logging.getLogger("gibbs_codegen")
 # Speed, m/s, below which a frame that comes to a stop rests there.
 REST = 1e-3
-# Distance, m, from a stop at which a frame is there; what is less than 0; speed, m/s, of an impact
-# that is told.
-_CLOSED, _LESS, _TOLD = 1e-8, -0.5 * STILL, 1e-6
+# Distance, m, from a stop at which a frame is there; what is less than 0; speed, m/s, above
+# which an impact is reported.
+_CLOSED, _LESS, _REPORTED = 1e-8, -0.5 * STILL, 1e-6
 # Impacts at one instant, as of a frame that is thrown from one stop to another, and for each stop
 # how often it is tried whether it pushes.
 _MOST_IMPACTS, _MOST_TRIALS = 100, 8
@@ -45,7 +45,7 @@ def after_impacts(
         if not hits and approach <= -_LESS:
             break
         state, impact = stops.struck(state)
-        if hits or approach > _TOLD:
+        if hits or approach > _REPORTED:
             impacts.append(impact)
             _log.debug("impact at t = %.6g s: %.4g J are lost, %.4g J left", *impact[:3])
     else:  # Thrown to and fro between stops: there it stays.

@@ -28,7 +28,7 @@ from gibbs_codegen.flight.vectors import Array, times
 
 # Order of the filter, which is applied forwards and backwards; samples that it needs.
 _ORDER, _LEAST = 4, 16
-# Samples that are too many; how many steps without samples are told.
+# Samples that are too many; steps without samples that a warning names.
 _MOST, _LONG_GAP = 1e7, 20.0
 # The time of samples that have none.
 NO_TIME = -(2**63)
@@ -153,8 +153,8 @@ def flight_of_log(
     if estimation:
         chosen = estimation.sensors, estimation.control.filter
         known = {"time": seconds, "q": q, "v": v}
-        told = {name: (1e-9 * (x.time - begin), x.values) for name, x in series.items()}
-        fields |= estimated(vehicle, known, told, *chosen)
+        readings = {name: (1e-9 * (x.time - begin), x.values) for name, x in series.items()}
+        fields |= estimated(vehicle, known, readings, *chosen)
     # Nothing tells what was desired or commanded, nor what else acted.
     fields |= {
         "frames": (),

@@ -156,9 +156,9 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         # Another type at a topic that nobody has named is as none.
         if (kind or role in names) and kind.rpartition("/")[2] not in wanted:
             if role in names or role == "odometry":
-                what = f"is of the type {printable(kind)}" if kind else "is not in it"
+                fault = f"is of the type {printable(kind)}" if kind else "is not in it"
                 raise UsageError(
-                    f"{printable(path)}: {printable(topic)} {what}; "
+                    f"{printable(path)}: {printable(topic)} {fault}; "
                     f"--name {role}=TOPIC takes the types {', '.join(wanted)}; there are {there}"
                 )
             messages[topic] = []

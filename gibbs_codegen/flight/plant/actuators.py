@@ -161,9 +161,9 @@ def actuators_of(vehicle: RobotData, scenario: Scenario) -> Actuators:
 def _check_rotors(vehicle: RobotData, motors: Motors) -> None:
     """Raise `UsageError` for keys of motors that mean nothing without rotors."""
     plain, keys = type(motors)(), [key.name for key in fields(motors)]
-    said = [f"motors.{key}" for key in keys if getattr(motors, key) != getattr(plain, key)]
-    if said and not vehicle.rotors:
-        raise UsageError(f"{', '.join(said)}: {vehicle.name} has no rotors; leave it out")
+    settings = [f"motors.{key}" for key in keys if getattr(motors, key) != getattr(plain, key)]
+    if settings and not vehicle.rotors:
+        raise UsageError(f"{', '.join(settings)}: {vehicle.name} has no rotors; leave it out")
 
 
 def _check_limits(vehicle: RobotData, limits: tuple[float, float] | None, thrusts: Array) -> None:
@@ -171,14 +171,14 @@ def _check_limits(vehicle: RobotData, limits: tuple[float, float] | None, thrust
     low, high = thrusts[0].max(initial=-math.inf), thrusts[1].min(initial=math.inf)
     beyond = limits is not None and (limits[0] < low - _EXACT or limits[1] > high + _EXACT)
     if vehicle.is_driven and beyond:
-        what = f"from {low:.4g} to {high:.4g} N; give limits within these"
+        span = f"from {low:.4g} to {high:.4g} N; give limits within these"
         if low > high:
-            what = (
+            span = (
                 f"none, since one makes at least {low:.4g} N and one at most {high:.4g} N; leave "
                 "it out"
             )
         raise UsageError(
-            f"motors.limits: the rotors of {vehicle.name} can all make thrusts {what}, or change "
+            f"motors.limits: the rotors of {vehicle.name} can all make thrusts {span}, or change "
             "the rotors in its robot file"
         )
 

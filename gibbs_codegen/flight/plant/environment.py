@@ -251,11 +251,11 @@ class Environment:
         if np.any(holds) or np.any(stops):
             around = replace(around, holds=True, stops=bool(np.any(stops)))
             active, sides = np.asarray(holds, dtype=np.float64), np.multiply(stops, self.sides)
-            each = np.stack([sides * (1.0 - active), sides * active], axis=-2)
+            sided = np.stack([sides * (1.0 - active), sides * active], axis=-2)
             rows = [
                 place.stop - place.start for place in self.vehicle.module.CONSTRAINT_PLACES.values()
             ]
-            values |= {"active": active, "stops": np.repeat(each, rows, axis=-1)}
+            values |= {"active": active, "stops": np.repeat(sided, rows, axis=-1)}
         masses = np.where(payloads, [payload.mass for payload in self.payload], 0.0)
         there = np.flatnonzero(np.any(masses > 0.0, axis=tuple(range(masses.ndim - 1))))
         if np.any(push):

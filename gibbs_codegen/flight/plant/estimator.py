@@ -61,7 +61,7 @@ class _Instant:
     """A time, s, the inputs (nu) that acted before it, and readings that were taken there.
 
     With what is known of before these readings, and after them. `felt` is the reading of the IMU
-    that leads, and `told` the last one until then with its time, s.
+    that leads, and `latest` the last one until then with its time, s.
     """
 
     time: float
@@ -70,7 +70,7 @@ class _Instant:
     after: dict[str, Array] = field(default_factory=dict)
     readings: list[tuple[str, Array]] = field(default_factory=list)
     felt: Array | None = None
-    told: tuple[float, Array] | None = None
+    latest: tuple[float, Array] | None = None
 
 
 class Estimator:
@@ -263,15 +263,15 @@ class Estimator:
             elif now.time > self._begin and np.isfinite(values).all():
                 now.felt = values
                 # What came since the reading before follows from both.
-                told = (k + 1 for k in reversed(range(place)) if instants[k].felt is not None)
-                place = next(told, min(place, 1))
+                followers = (k + 1 for k in reversed(range(place)) if instants[k].felt is not None)
+                place = next(followers, min(place, 1))
             first = min(first, place)
         for k in range(first, len(instants)):
             now = instants[k]
             if k > 0:
                 now.before = self._ahead(k)
             last = instants[max(k - 1, 0)]
-            now.told = last.told if now.felt is None else (now.time, now.felt)
+            now.latest = last.latest if now.felt is None else (now.time, now.felt)
             now.after = now.before
             for name, values in now.readings:
                 now.after = self._run(name, now.after, u=now.u, reading=values)
@@ -295,15 +295,15 @@ class Estimator:
         units = vehicle.layout.effort_units[: vehicle.joints]
         joints = zip(vehicle.joint_names, units, strict=True)
         pushes = [("force", "N"), ("torque", "N m")]
-        found = {
+        entries = {
             "wrench": [(f"wrench_{x}_{axis}", unit) for x, unit in pushes for axis in "xyz"],
             "efforts": [(f"effort_{name}", unit) for name, unit in joints],
             "payload": [("payload", "kg")],
         }
         named = list(zip((f"{name}_bias" for name in suite.names), suite.units, strict=True))
         for name, rows, biased in zip(self._names, suite.places, suite.biases, strict=True):
-            found[f"{name}_bias"] = [named[rows][k] for k in biased]
-        return {name: found[name] for name in self._filter.places if name in found}
+            entries[f"{name}_bias"] = [named[rows][k] for k in biased]
+        return {name: entries[name] for name in self._filter.places if name in entries}
 
     def series(self, time: Array, q: Array, v: Array) -> dict[str, Any]:
         """What was known at times, last before or then.
@@ -366,35 +366,35 @@ class Estimator:
         last, known = instants[k], instants[k].after
         ahead = now.time - last.time
         steps = max(math.ceil(ahead / _LONGEST - SAME), 1)
-        h, felt = ahead / steps, self._told(last, place) if led else None
+        h, felt = ahead / steps, self._led(last, place) if led else None
         for k in range(steps):
             if felt is not None:
                 start, slope = felt
                 # Of steps that are shorter than between readings, with the same density of noise.
                 shorter = 1.0 / (self._suite.devices[self._leads or 0].rate * h)
                 variances = np.maximum(self._suite.variances[self._leads or 0], _LEAST**2)
-                given = {
+                inputs = {
                     "before": start + k * h * slope,
                     "reading": start + (k + 1) * h * slope,
                     "variances": variances * max(shorter, 1.0),
                 }
-                known = self._run("", known, **given, h=h)
+                known = self._run("", known, **inputs, h=h)
             else:
                 known = self._run(_COAST if led else "", known, u=now.u, h=h)
         return known
 
-    def _told(self, last: _Instant, place: int) -> tuple[Array, Array] | None:
+    def _led(self, last: _Instant, place: int) -> tuple[Array, Array] | None:
         """What the IMU that leads reads at `last`, and its rate until the instant at a place.
 
         Readings between two are on a line. None if it has been silent for too long.
         """
-        instants, told = self._instants, last.told
+        instants, reading = self._instants, last.latest
         come = next(((x.time, x.felt) for x in instants[place:] if x.felt is not None), None)
-        if told is None and come is not None:
-            told = self._begin, come[1]
-        if told is None:
+        if reading is None and come is not None:
+            reading = self._begin, come[1]
+        if reading is None:
             return None
-        start, first = told
+        start, first = reading
         delay = self._suite.devices[self._leads or 0].delay
         end = come[0] if come else instants[place].time - delay
         if end - start > self._most + SAME:

@@ -96,7 +96,7 @@ class Kinematics:
         """The displacement (nv) between coordinates, of which the attitude alone is looked at."""
         return external("difference", (self.layout.v.size,), entries_of(q), entries_of(other))
 
-    def _found(
+    def _evaluated(
         self, name: str, outputs: Callable[..., Sequence[Node]], c: Array, **arguments: Array
     ) -> Any:
         """Results of a program of entries c (…, nq) and of others, by their names.
@@ -139,11 +139,11 @@ class Kinematics:
         """Coordinates (…, nq) of which modules may be asked: with quaternions of unit length."""
         if not self.space.has_quaternion:
             return q
-        return self._found("normalised", lambda _, c: [unit_entries(self, c)], c=q)[0]
+        return self._evaluated("normalised", lambda _, c: [unit_entries(self, c)], c=q)[0]
 
     def rates(self, q: Array, v: Array) -> Array:
         """Rates (…, nq) of coordinates by v (…, nv), which keep the length of a quaternion."""
-        return self._found("rates", lambda base, c, v: [base.rates(v, c)], c=q, v=v)[0]
+        return self._evaluated("rates", lambda base, c, v: [base.rates(v, c)], c=q, v=v)[0]
 
     def errors(
         self, q: Array, v: Array, q_desired: Array, v_desired: Array, back: ArrayLike = RETURN
@@ -161,7 +161,7 @@ class Kinematics:
 
         arguments = {"c": q, "v": v, "c_desired": q_desired, "v_desired": v_desired}
         arguments["back"] = np.broadcast_to(back, (*q.shape[:-1], 2))
-        return self._found("errors", outputs, **arguments)
+        return self._evaluated("errors", outputs, **arguments)
 
     def turned(self, turning: Turning) -> tuple[Array, Array, Array]:
         """Entries (s, …) of the attitude in q, v and a of a rotation with s instants.
@@ -185,7 +185,7 @@ class Kinematics:
             turning = base.to_base(growth)
             return rates, base.attitude_entries(placed(self, rates, *rest), turning)
 
-        return self._found("turned", outputs, q, spin=spin, growth=growth)
+        return self._evaluated("turned", outputs, q, spin=spin, growth=growth)
 
     def _entries(self, rotation: Array) -> Array:
         """Entries (s, …) of the attitude in q, without jumps, of rotations (s, 3, 3)."""
@@ -223,7 +223,7 @@ class Kinematics:
         def outputs(base: Base, c: Node, v: Node, a: Node) -> Sequence[Node]:
             return *base.linear(v, a), *base.angular(v, a)
 
-        return self._found("moving", outputs, q, v=v, a=a)
+        return self._evaluated("moving", outputs, q, v=v, a=a)
 
     def kept(self, v: Array, turn: Array) -> Array:
         """Velocities (nv) of a base that is turned but moves on, or whose angles go on.
@@ -243,7 +243,7 @@ class Kinematics:
         def outputs(base: Base, *nodes: Node) -> Sequence[Node]:
             return pose_motion(self, *nodes)
 
-        return self._found("motion", outputs, c, rates=rates, growth=growth)
+        return self._evaluated("motion", outputs, c, rates=rates, growth=growth)
 
     def reference(self, motion: Motion) -> Reference:
         """Quintics of all coordinates, whose rates are v, or as `PoseReference` has them."""

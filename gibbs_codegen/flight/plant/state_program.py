@@ -28,7 +28,7 @@ class EvaluatedProgram:
         self, vehicle: Vehicle, program: Program, constants: Mapping[str, Any], externals: Externals
     ) -> None:
         modules = dict.fromkeys(constants, vehicle.module)
-        self._evaluate, self._given = Evaluator(program, modules), (constants, externals)
+        self._evaluate, self._fixed = Evaluator(program, modules), (constants, externals)
         shapes = zip(program.names, program.inputs, strict=True)
         self.inputs = {name: np.zeros(x.shape) for name, x in shapes}
         self.outputs: dict[str, Array] = {}
@@ -36,7 +36,7 @@ class EvaluatedProgram:
     def run(self) -> None:
         """Compute the outputs of the inputs."""
         with np.errstate(invalid="ignore"):  # C says nothing either.
-            self.outputs.update(self._evaluate(self.inputs, *self._given))
+            self.outputs.update(self._evaluate(self.inputs, *self._fixed))
 
 
 # One whose `inputs` and `outputs` are arrays by name, which `run` reads and writes.

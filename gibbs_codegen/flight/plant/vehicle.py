@@ -245,7 +245,7 @@ class Vehicle(RobotData):
 
         Force, N, and torque about the base centre, N m, in the base's frame.
         """
-        wrenches = self._found("wrench", q=q, force=generalised_force, centre=self.lever)
+        wrenches = self._evaluated("wrench", q=q, force=generalised_force, centre=self.lever)
         # Nothing of a base that does not move depends on where it is.
         return np.broadcast_to(wrenches, (*np.shape(generalised_force)[:-1], 6))
 
@@ -283,13 +283,13 @@ class Vehicle(RobotData):
 
     def displacement(self, q0: Array, q: Array) -> Array:
         """The displacement (…, nd) between coordinates (…, nq), with a drive sideways too."""
-        return self._found("displacement", q=q0, other=q)
+        return self._evaluated("displacement", q=q0, other=q)
 
     def displaced(self, q: Array, displacement: Array) -> Array:
         """Coordinates (…, nq) after a displacement (…, nd), to which `displacement` leads back."""
-        return self._found("displaced", q=q, way=displacement)
+        return self._evaluated("displaced", q=q, way=displacement)
 
-    def _found(self, name: str, **arguments: Array) -> Array:
+    def _evaluated(self, name: str, **arguments: Array) -> Array:
         """What the program of a name makes of its arguments."""
         results = _evaluator(self.module, name)(arguments, {"robot": self.constants})
         return np.asarray(results[name])

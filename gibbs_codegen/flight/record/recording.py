@@ -353,8 +353,8 @@ def timing_fields(motion: TimedMotion) -> dict[str, Any]:
     """The timing of a motion, by the names of the fields of a flight."""
     times = [(stretch.begin, stretch.end) for stretch in motion.binding]
     return {
-        "timing": motion.said,
-        "binding": tuple(stretch.what for stretch in motion.binding),
+        "timing": motion.explanation,
+        "binding": tuple(stretch.limit for stretch in motion.binding),
         "binding_times": np.reshape(times, (-1, 2)),
     }
 

@@ -61,7 +61,7 @@ _TURNED = 0.25
 # Commands that jump by more than this share of the greatest, in more than this share of samples;
 # greatest ones that are rounding.
 _JUMP, _CHATTERS, _NOTHING = 0.5, 0.05, 1e-9
-# Distance, m, and angle, degrees, from which on the end of a base that follows a path is told.
+# Distance, m, and angle, degrees, beyond which the end of a base that follows a path is reported.
 _ASTRAY, _OVERTURNED = 1.0, 90.0
 Column = tuple[str, str, Array]
 StrPath = str | os.PathLike[str]
@@ -564,13 +564,13 @@ class Flight:
                 yield f"{frame}_force_{axis}", "N", series[:, k]
                 yield f"{frame}_torque_{axis}", "N m", series[:, k + 3]
         yield from zip(self.sensor_names, self.sensor_units, self.sensors.T, strict=True)
-        told = [*places.names, *rates, *self.estimate_names]
+        labels = [*places.names, *rates, *self.estimate_names]
         moved, of_moved = zip(*self.layout.displacements, strict=True)
-        off = [*(f"displacement_{name}" for name in moved), *told[places.size :]]
+        off = [*(f"displacement_{name}" for name in moved), *labels[places.size :]]
         of_rest = [*velocities.units, *self.estimate_units]
         of_off = [*of_moved, *of_rest]
         for names, units, suffix, series in (
-            (told, (*places.units, *of_rest), "estimated", self.estimates),
+            (labels, (*places.units, *of_rest), "estimated", self.estimates),
             (off, of_off, "error", self.estimate_errors),
             (off, of_off, "deviation", self.estimate_deviations),
             (

@@ -35,29 +35,29 @@ class EpisodeDistributions:
 
     A distribution is whatever has a method `ppf` as those of `scipy.stats` have: the value that a
     share between 0 and 1 of all values is below. If it is `relative`, as `scaled` makes it, values
-    are factors of those `known`. Raises `UsageError`, which calls them `what`, for a name that is
+    are factors of those `known`. Raises `UsageError`, which calls them `part`, for a name that is
     not known, and for what is no number and no distribution.
     """
 
-    def __init__(self, what: str, values: Mapping[str, Any], usual: Named, least: Named) -> None:
+    def __init__(self, part: str, values: Mapping[str, Any], usual: Named, least: Named) -> None:
         if not isinstance(values, Mapping):
-            raise UsageError(f"{what}: values by name, not {printable(values)}")
-        self.what, self.values, self.least = what, dict(values), least
+            raise UsageError(f"{part}: values by name, not {printable(values)}")
+        self.part, self.values, self.least = part, dict(values), least
         self.drawn = [name for name, value in values.items() if hasattr(value, "ppf")]
         self.factors = dict.fromkeys(values, 1.0)
         for name, value in values.items():
             if name not in usual:
-                raise UsageError(f"{what}: {printable(name)}: unknown; known: {', '.join(usual)}")
+                raise UsageError(f"{part}: {printable(name)}: unknown; known: {', '.join(usual)}")
             if name not in self.drawn and not (isinstance(value, Real) and math.isfinite(value)):
                 raise UsageError(
-                    f"{what}: {name}: a finite number or a distribution, such as "
+                    f"{part}: {name}: a finite number or a distribution, such as "
                     f"uniform(0.8, 1.2), not {printable(value)}"
                 )
             if getattr(value, "relative", False):
                 self.factors[name] = usual[name]
                 if not usual[name]:
                     raise UsageError(
-                        f"{what}: {name}: the value is 0, and so are all its multiples; give values"
+                        f"{part}: {name}: the value is 0, and so are all its multiples; give values"
                     )
 
     def __call__(self, shares: Array) -> dict[str, Array]:
@@ -71,10 +71,10 @@ class EpisodeDistributions:
             values[name] = self.factors[name] * np.asarray(one, dtype=np.float64)
             if not np.all(np.isfinite(values[name])):
                 raise UsageError(
-                    f"{self.what}: {name}: its distribution gives a number that is not finite"
+                    f"{self.part}: {name}: its distribution gives a number that is not finite"
                 )
             if np.any(values[name] < (least := self.least.get(name, -math.inf))):
-                raise UsageError(f"{self.what}: {name}: must be {least:g} or more")
+                raise UsageError(f"{self.part}: {name}: must be {least:g} or more")
         return values
 
 
@@ -89,28 +89,28 @@ class Episodes:
     def __init__(self, count: int, parts: Mapping[str, Part], least: Named) -> None:
         self._count = count
         self._distributions = {
-            what: EpisodeDistributions(what, values, usual, least if what != "parameters" else {})
-            for what, (values, usual) in parts.items()
+            part: EpisodeDistributions(part, values, usual, least if part != "parameters" else {})
+            for part, (values, usual) in parts.items()
         }
         self.values = {
-            what: {name: np.zeros(count) for name in distributions.values}
-            for what, distributions in self._distributions.items()
+            part: {name: np.zeros(count) for name in distributions.values}
+            for part, distributions in self._distributions.items()
         }
 
     def draw(self, rows: Flags, generators: Generators) -> dict[str, dict[str, Array]]:
         """Draw values (m) of some environments (n) anew, and return them."""
-        ends = np.cumsum([len(each.drawn) for each in self._distributions.values()])
+        ends = np.cumsum([len(distribution.drawn) for distribution in self._distributions.values()])
         chosen = itertools.compress(generators, rows)
         shares = np.array([generator.random(ends[-1]) for generator in chosen])
         columns = np.split(shares, ends[:-1], axis=1)
         drawn = {}
-        for (what, distributions), column in zip(self._distributions.items(), columns, strict=True):
-            drawn[what] = distributions(column)
-            for name, values in drawn[what].items():
-                self.values[what][name][rows] = values
+        for (part, distributions), column in zip(self._distributions.items(), columns, strict=True):
+            drawn[part] = distributions(column)
+            for name, values in drawn[part].items():
+                self.values[part][name][rows] = values
         return drawn
 
-    def table(self, what: str, names: Sequence[str]) -> Array:
+    def table(self, part: str, names: Sequence[str]) -> Array:
         """Values (n, names) of a part, 0 of names that it has not."""
-        values, zero = self.values[what], np.zeros(self._count)
+        values, zero = self.values[part], np.zeros(self._count)
         return np.column_stack([values.get(name, zero) for name in names])

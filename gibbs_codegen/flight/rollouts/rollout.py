@@ -120,7 +120,7 @@ def rollout(
     bounds: Any = None,
     precision: rollouts.Precision = "double",
     threads: int | None = None,
-    progress: Callable[[str, float], None] = lambda what, share: None,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> rollouts.Rollout:
     """Roll out n states of a robot, in fixed steps, each with its own inputs and parameters.
 

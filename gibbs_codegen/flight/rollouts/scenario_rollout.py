@@ -98,7 +98,7 @@ def _scenario_start(
         )
     settings: Settings = replace(scene.integration, method="rk4", step=dt, rate=1.0 / (dt * every))
     scene = replace(scene, integration=settings)
-    return flight_start(arguments.module, scene, lambda what, share: None, custom_law=False)
+    return flight_start(arguments.module, scene, lambda stage, share: None, custom_law=False)
 
 
 def _check_steps(loops: ScenarioLoops, count: int, dt: float) -> None:

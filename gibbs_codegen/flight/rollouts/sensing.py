@@ -51,7 +51,9 @@ class Sensors:
             of_kinds = places.position, places.attitude, places.joints
             for kind, place in zip(kinds, of_kinds, strict=True):
                 part[:, place] = np.reshape(self._values.get(kind, 0.0), (-1, 1))
-        drawn = [each.standard_normal(sizes.shape[1]) for each in compress(generators, rows)]
+        drawn = [
+            generator.standard_normal(sizes.shape[1]) for generator in compress(generators, rows)
+        ]
         self._noise[rows] = sizes[rows] * np.reshape(drawn, (-1, sizes.shape[1]))
 
     def read(self) -> tuple[Array, Array]:

@@ -62,8 +62,8 @@ class Moment:
         """How far the tip (n, 3) is from where it is at the target, 0 of a robot without one."""
         if self.tip_pose is None:
             return np.zeros((len(self.q), 3))
-        found, wanted = (self.tip_pose(q)[:, :3, 3] for q in (self.q, self.target))
-        return np.asarray(found - wanted)
+        tip, target = (self.tip_pose(q)[:, :3, 3] for q in (self.q, self.target))
+        return np.asarray(tip - target)
 
     @property
     def begun(self) -> Flags:

@@ -89,7 +89,7 @@ class TorchEnv(VectorEnv):
         self._measures = observe, reward, lost
         self._x: Any = None
         self._constants: dict[str, Any] = {}
-        self._given: dict[str, Any] = {}
+        self._loads: dict[str, Any] = {}
         settings |= {"observe": lambda _: self._look().numpy()}
         super().__init__(
             getattr(module, "in_c", module), num_envs, autoreset_mode="SameStep", **settings
@@ -147,7 +147,7 @@ class TorchEnv(VectorEnv):
         if self._episodes.values["swings"]:
             self._target = self._wanted_at(self._time())
         self._x, seen, rewards, lost, gone = self._decision(
-            x=x, actions=actions, **self._given, **self._wanted(), constants=self._constants
+            x=x, actions=actions, **self._loads, **self._wanted(), constants=self._constants
         )
         if (gone > 0.0).any():  # There derivatives are infinite, and 0 times that is not 0.
             for y in (y for y in (x, actions) if y.requires_grad):
@@ -194,10 +194,10 @@ class TorchEnv(VectorEnv):
             asked = commanded(x, actions.ranges, normalised=self._normalised)
             if actions.loop is None:
                 return asked
-            given = {"action": asked, "target": now.q_desired} | {
+            values = {"action": asked, "target": now.q_desired} | {
                 name: constant(x) for name, x in actions.loads.items()
             }
-            return clip(actions.loop.commands(robot, now.q, now.v, given), *self._limits)
+            return clip(actions.loop.commands(robot, now.q, now.v, values), *self._limits)
 
         def observe(now: Situation) -> Node:  # Without lag there are no thrusts to look at.
             return self._measures[0](replace(now, actuators=now.actuators[: self._actuators]))
@@ -268,7 +268,7 @@ class TorchEnv(VectorEnv):
         program = Program("observation", inputs, outputs)
         seen = differentiable(program, self._vehicle.module)
         if owners_of(program):
-            return lambda **given: seen(**given, constants=self._constants)
+            return lambda **nodes: seen(**nodes, constants=self._constants)
         return seen
 
     def _problem(self) -> Problem:
@@ -304,11 +304,11 @@ class TorchEnv(VectorEnv):
 
     def _give(self) -> None:
         """Find limits, lag and what acts in the next decision."""
-        found = given_inputs(self._problem(), self._parts, np)
+        inputs = given_inputs(self._problem(), self._parts, np)
         if not self._actions.loop and self._parts.limits:
-            found |= dict(zip(("least", "most"), self._ends, strict=True))
-        self._given = {
-            name: found[name] if found[name].ndim < 3 else found[name][:, 0]
+            inputs |= dict(zip(("least", "most"), self._ends, strict=True))
+        self._loads = {
+            name: inputs[name] if inputs[name].ndim < 3 else inputs[name][:, 0]
             for name in self._step.names[3:]
             if name != self._command
         }

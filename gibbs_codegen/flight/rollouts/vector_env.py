@@ -231,7 +231,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         away = dict.fromkeys(self._directions, 0.0)
         moving = self._spread(chosen_task.swing, swings=True) if swings is None else swings
         wanted = self._spread(chosen_task.spread) if targets is None else targets
-        each = tuple(moving) if isinstance(moving, Mapping) else ()
+        swinging = tuple(moving) if isinstance(moving, Mapping) else ()
         self._episodes = Episodes(
             self.num_envs,
             {
@@ -240,14 +240,14 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
                 "parameters": (parameters or {}, module.PARAMETERS),
                 "targets": (wanted, away | {"force": _FORCE}),
                 "swings": (moving, zero),
-                "swing_rates": (dict.fromkeys(each, swing_rates), zero),
-                "phases": (dict.fromkeys(each, Between(0.0, 2.0 * math.pi)), zero),
+                "swing_rates": (dict.fromkeys(swinging, swing_rates), zero),
+                "phases": (dict.fromkeys(swinging, Between(0.0, 2.0 * math.pi)), zero),
                 "disturbances": (disturbances or {}, self._usual()),
                 "sensors": (sensors or {}, dict.fromkeys(SENSED, 0.0)),
             },
             _LEAST,
         )
-        if vehicle.layout.has_drive and each and {"vx", "wz"} <= {*each, *wanted}:
+        if vehicle.layout.has_drive and swinging and {"vx", "wz"} <= {*swinging, *wanted}:
             words = "a turned target that moves ahead would slip sideways, which it cannot"
             raise UsageError(f"swings: {vehicle.name}: {words}; leave vx or wz out of them")
         sensed = self._episodes.values["sensors"]
@@ -302,8 +302,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         `phases`, rad, are of the swings.
         """
         return {
-            what: {name: x.copy() for name, x in values.items()}
-            for what, values in self._episodes.values.items()
+            part: {name: x.copy() for name, x in values.items()}
+            for part, values in self._episodes.values.items()
         }
 
     @property
@@ -393,8 +393,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             infos |= {"final_obs": _rows(observations, over), "_final_obs": over.copy()}
             self._begin(over)
             observations = self._observed(self._moment())
-        told = self._handed(observations, rewards, terminations, truncations)
-        return *told, infos
+        results = self._handed(observations, rewards, terminations, truncations)
+        return *results, infos
 
     def _handed(self, *arrays: NDArray[Any]) -> tuple[Any, ...]:
         """What callers get: arrays, or tensors in their memory."""
@@ -462,8 +462,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
         flown = array_rollout(self._decided(asked), self._threads)
         last = asked[:, : self._vehicle.rotors] if flown.thrusts is None else flown.thrusts[:, -1]
         self._motors = replace(self._motors, thrusts=last.copy())
-        found = {name: getattr(flown, name) for name in ("q", "v", "x", "bristles")}
-        after = {name: part[:, -1].copy() for name, part in found.items() if part is not None}
+        series = {name: getattr(flown, name) for name in ("q", "v", "x", "bristles")}
+        after = {name: part[:, -1].copy() for name, part in series.items() if part is not None}
         self._now = replace(self._now, **after, inputs=asked[:, np.newaxis])
         self._decisions += 1
         if self._episodes.values["swings"]:
@@ -555,8 +555,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
     def _wanted_at(self, time: Array) -> tuple[Array, Array, Array]:
         """Coordinates that are wanted at times (…, n), velocities and accelerations with them."""
         middle, size, rate, phase = (
-            self._episodes.table(what, self._directions)
-            for what in ("targets", "swings", "swing_rates", "phases")
+            self._episodes.table(part, self._directions)
+            for part in ("targets", "swings", "swing_rates", "phases")
         )
 
         def at(h: float) -> Array:

@@ -158,7 +158,7 @@ def _tangents(path: Path, time: Array) -> Derivatives:
         fault = f"the path of the base stands still at t = {ends[0]:.6g} s, where it "
         if not sides:
             raise UsageError(f"{fault}has no tangent; let it move, or choose a level attitude")
-        near = [_later(found, 0.0 if stays else ends[0] - begin) for begin, found in sides]
+        near = [_later(direction, 0.0 if stays else ends[0] - begin) for begin, direction in sides]
         if np.abs(near[0][0] - near[-1][0]).max() > _CORNER:
             raise UsageError(
                 f"{fault}changes its direction; give it a bend there, or choose a level attitude"
@@ -173,18 +173,18 @@ def _tangents(path: Path, time: Array) -> Derivatives:
                 )
         for k in rest:
             stay = stays and still[0] <= k <= still[-1]
-            begin, found = min(sides, key=lambda side: abs(side[0] - time[k]))
+            begin, direction = min(sides, key=lambda side: abs(side[0] - time[k]))
             since = (ends[int(begin > ends[1])] if stay else time[k]) - begin
-            limits = unit_derivatives(*_later(found, since))
+            limits = unit_derivatives(*_later(direction, since))
             for series, limit in zip(along, limits, strict=True):
                 series[k] = 0.0 if stay and series is not along[0] else limit
     first, second, third = (series.reshape(shape) for series in along)
     return first, second, third
 
 
-def _later(found: Derivatives, since: float) -> Derivatives:
+def _later(derivatives: Derivatives, since: float) -> Derivatives:
     """A vector and two derivatives some time later, s, were the second constant."""
-    unit, rate, second = found
+    unit, rate, second = derivatives
     return unit + since * (rate + 0.5 * since * second), rate + since * second, second
 
 

@@ -215,7 +215,7 @@ class Sum:
         return np.sum([path(time) for path in self.paths], axis=0)
 
 
-def check_path(path: Path, duration: float, what: str) -> None:
+def check_path(path: Path, duration: float, subject: str) -> None:
     """Raise `UsageError` if a path does not give what it is to, at some times of the flight.
 
     That is another shape, or rates that are not the derivatives of positions; differences tell
@@ -226,10 +226,10 @@ def check_path(path: Path, duration: float, what: str) -> None:
     try:
         here, ahead, behind = (np.asarray(path(time + by), float) for by in (0.0, step, -step))
     except (TypeError, ValueError, IndexError, AttributeError) as error:
-        raise UsageError(f"{what}: cannot be evaluated at an array of times: {error}") from None
+        raise UsageError(f"{subject}: cannot be evaluated at an array of times: {error}") from None
     if here.shape != (len(time), ORDERS, 3):
         raise UsageError(
-            f"{what}: must give (…, {ORDERS}, 3) at times (…): position, velocity, acceleration "
+            f"{subject}: must give (…, {ORDERS}, 3) at times (…): position, velocity, acceleration "
             f"and jerk; it gives {here.shape} at {len(time)} times"
         )
     slope = (ahead - behind)[:, :-1] / (2.0 * step)
@@ -240,7 +240,7 @@ def check_path(path: Path, duration: float, what: str) -> None:
         typical = np.median(np.abs(slope - here[:, 1:])[:, order].max(axis=-1))
         allowed = 1e-3 * (scale[order + 1] + scale[order] / duration) + 1e-6
         if off[order] > allowed and typical > allowed:
-            raise UsageError(f"{what}: its {name} is not the derivative of the order before")
+            raise UsageError(f"{subject}: its {name} is not the derivative of the order before")
 
 
 def plane(normal: Vector | Array) -> tuple[Array, Array]:

@@ -226,7 +226,7 @@ def _flights_of_cases(
     flights_of_sound: list[Flight | Exception] = []
     try:
         flights_of_sound += simulate_many(module, sound, blocks=blocks)
-    except Exception as error:  # One of them is to blame, which is told by flying it by itself.
+    except Exception as error:  # One of them is to blame: flights by themselves show which.
         words = printable(words_of(error))
         _log.warning("%s: flights are computed one by one: %s", module.NAME, words)
         for scenario in sound:

@@ -81,7 +81,7 @@ def sweep(
     measure: Mapping[str, Measure] | None = None,
     executor: Executor | None = None,
     out: StrPath = "sweep",
-    progress: Progress = lambda what, share: None,
+    progress: Progress = lambda stage, share: None,
     workers: int | None = None,
 ) -> Study:
     """Fly all cases of a sweep, but for those that an earlier call has flown, and measure them.

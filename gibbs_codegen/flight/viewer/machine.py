@@ -23,7 +23,7 @@ from gibbs_codegen.flight.vectors import Indices
 _LARGEST_DISC = 0.4
 # Accelerations, m/s² and rad/s², and shares of the largest entry, below which there is none.
 _STILL, _ZERO = 1e-6, 1e-12
-# Postures from which it is told which entries of the hybrid system are filled.
+# Postures that show which entries of the hybrid system are filled.
 _POSTURES = 4
 # How far angles without limits go, rad.
 _TURN = float(np.pi)
@@ -226,12 +226,12 @@ def changed(new: Array, old: Array) -> NDArray[np.bool_]:
 
 def joint_points(robot: Flight | Vehicle, first: int) -> list[int]:
     """Numbers of the points of joints and wheels with coordinates; `first` follows the rotors."""
-    q, points, found = robot.layout.q, robot.points, []
+    q, points, places = robot.layout.q, robot.points, []
     for k, name in enumerate((*q.names[q.joints], *q.names[q.angles]), start=first):
         # Joints that gears move may be between, and coordinates have names of their own.
         named = f"joint_{name}", f"joint{name.rpartition('_')[2]}"
-        found.append(next((points.index(x) for x in named if x in points), k))
-    return found
+        places.append(next((points.index(x) for x in named if x in points), k))
+    return places
 
 
 def rotor_radius(

@@ -158,7 +158,7 @@ def empty_server(port: int = PORT, announces: bool = False) -> Iterator[Any]:
 
     port = _free_port(port)
 
-    # It says so however quiet it is told to be.
+    # It says so however quiet it was set.
     with nullcontext() if announces else _silence():
         server = viser.ViserServer(host=_HOST, port=port, verbose=False)
     # A button that would ask another machine.

@@ -256,8 +256,8 @@ def numbers(machine: DrawnMachine, state: Rest, is_held: bool, remarks: Sequence
     units = [f"{unit}²" for unit in vehicle.layout.v.units]
     for name, value, unit in zip(vehicle.layout.v.names, state.a, units, strict=True):
         # An entry of v has a coordinate's name where it is the rate of that coordinate.
-        what = "acceleration" if name in vehicle.layout.q.names else "rate"
-        rows.append((f"{what} of {symbol(name)}", value, unit))
+        quantity = "acceleration" if name in vehicle.layout.q.names else "rate"
+        rows.append((f"{quantity} of {symbol(name)}", value, unit))
     for name, value in zip(vehicle.constraint_names, state.constraint_torques, strict=True):
         rows.append((f"constraint torque {symbol(name)}", value, "N m"))
     table = page.number_table((name, _digits(value), unit) for name, value, unit in rows)

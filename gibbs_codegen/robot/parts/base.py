@@ -267,8 +267,8 @@ class BaseTable(Posed, BaseKeys, RigidKeys):
         if not isinstance(arms, list) or not isinstance(rotors, int):
             return
         if 1 < rotors <= MAX_ROTORS and rotors != len(arms) <= MAX_ROTORS:
-            what = f"a list of {len(arms)} for {rotors} rotors"
-            yield "arm", f"{what}; give one table for all, or one for each"
+            arms_listed = f"a list of {len(arms)} for {rotors} rotors"
+            yield "arm", f"{arms_listed}; give one table for all, or one for each"
 
     @classmethod
     def _motion_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

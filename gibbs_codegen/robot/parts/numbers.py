@@ -50,8 +50,8 @@ def size_fault(value: float) -> str | None:
     """Why a finite number of a robot, in its SI unit, cannot be computed with; None if it can."""
     if value == 0.0 or LEAST <= abs(value) <= MOST:
         return None
-    what = "overflow" if abs(value) > MOST else "vanish"
-    return f"must be 0 or from {LEAST:g} to {MOST:g} in size, not {value:g}; its products {what}"
+    effect = "overflow" if abs(value) > MOST else "vanish"
+    return f"must be 0 or from {LEAST:g} to {MOST:g} in size, not {value:g}; its products {effect}"
 
 
 def _end_fault(end: float) -> str | None:

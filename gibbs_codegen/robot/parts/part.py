@@ -76,11 +76,11 @@ def number(words: str, default: Any = None, **more: Any) -> Any:
 
     The rest is as of `entry` and `Parameter`; `unit` is that of words that do not say it.
     """
-    said = re.search(r"{(.*)}", words)
+    match = re.search(r"{(.*)}", words)
     marks = {mark.name: more.pop(mark.name) for mark in fields(Parameter) if mark.name in more}
-    units: dict[str, Any] = {"unit": said[1] if said else None, "name": more.get("key")}
-    if said:
-        words = words.replace(said[0], said[1].replace("^2", "²"))
+    units: dict[str, Any] = {"unit": match[1] if match else None, "name": more.get("key")}
+    if match:
+        words = words.replace(match[0], match[1].replace("^2", "²"))
     return entry(words, default, parameter=Parameter(**units | marks), **more)
 
 

@@ -270,20 +270,20 @@ class Rotor(Part):
         drive, cause = self.drive, "command_limits" if self.command_limits else "thrust_curve"
         if drive.command == "thrust":
             return
-        (_, slope, square), (begin, end), what = drive.curve, drive.rising, drive.command
+        (_, slope, square), (begin, end), command = drive.curve, drive.rising, drive.command
         most = drive.limits[1] if drive.limits else math.inf
         if (square < 0.0 and slope <= 0.0) or begin == end:
-            yield ("thrust_curve",), f"must rise with the {what}: give a k1 or a k2 above 0"
+            yield ("thrust_curve",), f"must rise with the {command}: give a k1 or a k2 above 0"
         elif most <= begin:
             yield (
                 ("thrust_curve" if self.thrust_curve else cause,),
-                f"lets the thrust rise only from {begin:g} on, beyond the greatest {what}, "
+                f"lets the thrust rise only from {begin:g} on, beyond the greatest {command}, "
                 f"{most:g}; it must rise below that",
             )
         elif most > end:
             yield (
                 (cause,),
-                f"lets the thrust fall beyond a {what} of {end:g}; give command_limits that end "
+                f"lets the thrust fall beyond a {command} of {end:g}; give command_limits that end "
                 "there or before",
             )
 

@@ -19,9 +19,9 @@ def model_functions(model: Model) -> Functions:
     return Functions(replace(model, functions=every).listing)
 
 
-def check_calls(model: Model, programs: Iterable[Program], what: str) -> None:
-    """Raise `UsageError`, which begins with `what`, if programs call functions not in a model."""
+def check_calls(model: Model, programs: Iterable[Program], subject: str) -> None:
+    """Raise `UsageError` about `subject` if programs call functions that a model has not."""
     called = {name for program in programs for _, name in functions_of(program)}
     if missing := [name for name in FUNCTIONS if name in called - {*model.functions}]:
         them = "them" if missing[1:] else "it"
-        raise UsageError(f"{what} {', '.join(missing)}: add {them} to --functions")
+        raise UsageError(f"{subject} {', '.join(missing)}: add {them} to --functions")

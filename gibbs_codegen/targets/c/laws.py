@@ -70,8 +70,8 @@ def law_files(model: Model, header: Lines) -> dict[str, str]:
         made += TELLING[name][1](functions)
     programs = (function.program for function in made)
     check_calls(model, programs, f"--laws: {' and '.join(model.laws)} needs")
-    what = "Laws of control" if laws else "What tells states"
-    words = f"{what} of {robot.name}, which call its functions; compile them together."
+    title = "Laws of control" if laws else "What tells states"
+    words = f"{title} of {robot.name}, which call its functions; compile them together."
     return c_files(functions, f"{robot.name}_laws", words, made, header)
 
 

@@ -20,7 +20,7 @@ from gibbs_codegen.targets.printers import Context, InfixPrinter, Lines
 
 _INLINE = "static INLINE "
 # The constants of a thread, and the ending of its arrays.
-_OWN = "own"
+_CONSTANTS = "own"
 # Rollouts are of these, which threads do not choose from at run time: registers are scarce.
 _PARTS = {"inputs": Parts(), "commands": Parts(feedback=True, limits=True, lag=True)}
 # Bytes that a kernel may be given; larger matrices are behind pointers.
@@ -121,10 +121,10 @@ def _kernels(model: Model) -> list[Context]:
         sizes = dict(zip(signature.arguments, signature.widths, strict=True))
         sizes |= dict(zip(outputs, map(math.prod, signature.shapes), strict=True))
         parameters = [*c.read_arrays(signature.arguments), *c.written_arrays(outputs)]
-        places = {key: f"{key}_{_OWN}" for key in sizes}
+        places = {key: f"{key}_{_CONSTANTS}" for key in sizes}
         lines = [f"real {places[key]}[{max(1, size)}];" for key, size in sizes.items()]
         loads = [f"load({sizes[x]}, {x}, count, i, {places[x]});" for x in signature.arguments]
-        called = c.call(f"{model.robot.name}_{signature.name}", [_OWN, *places.values()])
+        called = c.call(f"{model.robot.name}_{signature.name}", [_CONSTANTS, *places.values()])
         stores = [f"store({sizes[x]}, {places[x]}, count, i, {x});" for x in outputs]
         kernels.append(
             {
@@ -139,13 +139,13 @@ def _kernels(model: Model) -> list[Context]:
 def _rollout(program: Program) -> Context:
     """A rollout: arrays of what differs from state to state, their loads, and the arguments."""
     inputs = dict(list(zip(program.names, program.inputs, strict=True))[3:])
-    own = {key: x.size for key, x in inputs.items() if not x.is_uniform}
+    sizes = {key: x.size for key, x in inputs.items() if not x.is_uniform}
     return {
         "name": program.name,
-        "declared": [f"real {key}[{max(1, size)}];" for key, size in own.items()],
+        "declared": [f"real {key}[{max(1, size)}];" for key, size in sizes.items()],
         "loads": [
-            f"load_rows(&given->{key}, {size}, i, step, {key});" for key, size in own.items()
+            f"load_rows(&given->{key}, {size}, i, step, {key});" for key, size in sizes.items()
         ],
-        "changes": " || ".join(f"given->{key}.by_step" for key in own),
-        "arguments": ", ".join(key if key in own else f"given->{key}" for key in inputs),
+        "changes": " || ".join(f"given->{key}.by_step" for key in sizes),
+        "arguments": ", ".join(key if key in sizes else f"given->{key}" for key in inputs),
     }

@@ -33,7 +33,7 @@ _OUTPUTS = {
 }
 # What is given besides commands: inputs, then tunable parameters, with entries at the start.
 _INPUTS = ("force", "torque", "wind")
-_GIVEN: dict[str, tuple[str, float | tuple[float, ...], str]] = {
+_TUNABLE: dict[str, tuple[str, float | tuple[float, ...], str]] = {
     "force": ("N", 0.0, "forces on the frames at their origins, world axes"),
     "torque": ("N m", 0.0, "torques on the frames, world axes"),
     "wind": ("m/s", 0.0, "velocity of the air, world axes"),
@@ -147,7 +147,7 @@ def _inputs(model: Model, system: System) -> Iterator[Variable]:
     for name, shape in [*system.influences.items()][1:]:
         axes = (tuple(rows.get(name, description.frames)), AXES)[: len(shape)]
         kind = "input" if name in _INPUTS else "figure"
-        unit, first, words = _GIVEN[name]
+        unit, first, words = _TUNABLE[name]
         values = np.broadcast_to(first, shape).ravel().tolist()
         yield Variable(name, kind, 0, unit, words, axes, tuple(values))
 

@@ -102,7 +102,7 @@ _FUNCTIONS = """
 """
 TAKEN = {*re.findall(r"\w+", _KEYWORDS + _FUNCTIONS)}
 # What functions call their own variables, beside arguments and outputs.
-_OWN = {"constants", "count", "values"}
+_RESERVED = {"constants", "count", "values"}
 
 
 def variable(name: str) -> str:
@@ -121,7 +121,7 @@ def check_names(model: Model) -> None:
     outputs = {output.name for row in FUNCTIONS.values() for output in row.outputs}
     computed = {s.name for f in program.functions for s in f.statements}
     computed |= {statement.name for statement in program.prepare}
-    variables = {*map(variable, robot_names), *computed, *ARGUMENTS, *outputs, *_OWN}
+    variables = {*map(variable, robot_names), *computed, *ARGUMENTS, *outputs, *_RESERVED}
     if package in TAKEN:
         raise _refusal(f"the robot's name {package} is a word or a function of MATLAB or Octave")
     if package in variables:
