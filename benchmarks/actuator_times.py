@@ -1,9 +1,9 @@
 """Time rollouts of motors, servos and a battery: `python benchmarks/actuator_times.py`.
 
-The robot is that of docs/howto/actuators.md. Beside it stands the same machine with thrusts that
-lag and torques of joints; in between the one on whose rotors no air acts; and one whose rotors lose
-another force along their axes than across, so that it matters how they are turned. Rows are timed
-and printed as those of `rollout_times.py`.
+The robot is that of docs/howto/actuators.md, in air. Beside it stands the same machine with thrusts
+that lag and torques of joints; in between the one on whose rotors no air acts; and one whose rotors
+lose another force along their axes than across, so that it matters how they are turned. Rows are
+timed and printed as those of `rollout_times.py`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import re
 import sys
 import tempfile
 import time
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -29,7 +29,7 @@ from gibbs_codegen import Feedback, load, rollout, trim  # noqa: E402
 from gibbs_codegen.pipeline import generate_robot  # noqa: E402
 from gibbs_codegen.robot.file import parse_robot  # noqa: E402
 from gibbs_codegen.robot.model import Robot  # noqa: E402
-from gibbs_codegen.robot.parts.rotor import AIR_KEYS, Rotor  # noqa: E402
+from gibbs_codegen.robot.parts.rotor import Rotor  # noqa: E402
 from gibbs_codegen.robot.text import robot_text  # noqa: E402
 
 ROOT = Path(__file__).parents[1]
@@ -41,9 +41,12 @@ UNLIKE = "actuators, with another inflow than hub drag"
 def robots() -> dict[str, Robot]:
     """The machine with thrusts that lag, with actuators without air, and with air of two kinds."""
     page = (ROOT / "docs" / "howto" / "actuators.md").read_text(encoding="utf-8")
-    whole = parse_robot(re.findall(r"```toml\n(.*?)```", page, re.DOTALL)[0])
-    air = {own.name: own.default for own in fields(Rotor) if own.name in AIR_KEYS}
-    calm = replace(whole, thrusters=tuple(replace(each, **air) for each in whole.thrusters))
+    calm = parse_robot(re.findall(r"```toml\n(.*?)```", page, re.DOTALL)[0])
+
+    def in_air(inflow: float) -> Robot:
+        rotors = (replace(each, hub_drag=1e-4, inflow=inflow) for each in calm.thrusters)
+        return replace(calm, thrusters=tuple(rotors))
+
     lagging = replace(
         calm,
         thrusters=tuple(
@@ -61,11 +64,7 @@ def robots() -> dict[str, Robot]:
         links=tuple(replace(link, servo=None, friction=None) for link in calm.links),
         battery=None,
     )
-    unlike = replace(
-        whole,
-        thrusters=tuple(replace(each, inflow=2.0 * each.inflow) for each in whole.thrusters),
-    )
-    return {LAGGING: lagging, WITHOUT_AIR: calm, WHOLE: whole, UNLIKE: unlike}
+    return {LAGGING: lagging, WITHOUT_AIR: calm, WHOLE: in_air(1e-4), UNLIKE: in_air(2e-4)}
 
 
 def measure(module: ModuleType, method: str) -> Measure:

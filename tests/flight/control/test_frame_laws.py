@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import runpy
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from scipy.integrate import solve_ivp
 
 import gibbs_codegen
@@ -444,3 +446,12 @@ def test_a_base_leans_against_what_its_tip_feels(fast: Load) -> None:
     assert np.cross(axis, pull / np.linalg.norm(pull)) == pytest.approx(0.0, abs=1e-6)
     # The posture takes a little of it.
     assert tips(module, flight)[-1] == pytest.approx(force / 50, abs=3e-4)
+
+
+@pytest.mark.slow
+def test_a_ball_finds_its_hole(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = runpy.run_path(str(ROOT / "examples" / "peg_in_a_hole.py"))
+    assert not found["flight"].stopped
+    assert found["deep"] > 0.055  # m
+    assert found["sideways"].max() < 1  # N
