@@ -10,12 +10,10 @@ import tomllib
 from os.path import relpath
 from pathlib import Path
 from shutil import copytree
-from typing import Any
 
 import numpy as np
 import pytest
 from conftest import ROOT
-from numpy.typing import NDArray
 from support.command import run as run_command
 from support.pages import PAGES, blocks, files_of, run_python, write_files
 from support.tools import run, tool
@@ -73,26 +71,6 @@ def test_python_runs(page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
     monkeypatch.setattr("gibbs_codegen.pipeline.refuse_wrong", lambda *_: None)
     write_files(page, tmp_path)
     run_python(page)
-
-
-def test_the_step_that_is_shown_is_of_the_fourth_order(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (step,) = (b for b in blocks(MODULE_PAGE, "python") if "runge_kutta" in b)
-    names: dict[str, Any] = {}
-    exec(step, names)  # noqa: S102
-
-    def after(steps: int) -> NDArray[np.float64]:
-        state = np.array([0, 0, 0, 0, 0, 0, 1.0, 0.3, -0.2, 0.5, 2.0, -3.0, 1.0])
-        for _ in range(steps):
-            state = names["runge_kutta"](state, 0.5 / steps)
-        return state
-
-    exact = after(320)
-    errors = [np.linalg.norm(after(steps) - exact) for steps in (10, 20, 40)]
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.3)
-    assert np.log2(errors[1] / errors[2]) == pytest.approx(4.0, abs=0.3)
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""A small robot in print: M, R and B of its file as LaTeX, and the C of M and R.
+"""A small robot in print: M, R and B of its file as LaTeX, and their C.
 
 `python docs/_ext/small_robot.py` prints what the page on equations has of it.
 """
@@ -68,18 +68,19 @@ def matrices(text: str) -> str:
     return "$$\n\\begin{aligned}\n" + " \\\\[1ex]\n".join(lines) + "\n\\end{aligned}\n$$"
 
 
-def c_function(text: str) -> str:
-    """The C function of M and R of the robot of a file's text."""
+def c_functions(text: str) -> str:
+    """The C functions of M and R, and of B, of the robot of a file's text."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "small.toml")
         path.write_text(text, encoding="utf-8")
         made = generate(path, folder, verify=False)
         source = (made / f"{made.name}.c").read_text(encoding="utf-8")
-    (body,) = re.findall(r"static INLINE void mass_matrix_and_residual_text.*?\n}\n", source, re.S)
-    return f"```c\n{body}```"
+    heads = rf"static INLINE void mass_matrix_and_residual_text|void {made.name}_input_matrix"
+    functions = re.findall(rf"^(?:{heads})\(.*?\n}}\n", source, re.S | re.M)
+    return "```c\n" + "\n".join(functions) + "```"
 
 
 if __name__ == "__main__":
     page = Path(__file__).parents[1] / "reference" / "equations.md"
     (robot,) = re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.S)
-    sys.stdout.write(f"{matrices(robot)}\n\n{c_function(robot)}\n")
+    sys.stdout.write(f"{matrices(robot)}\n\n{c_functions(robot)}\n")

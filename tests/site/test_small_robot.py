@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT
-from small_robot import c_function, matrices
+from small_robot import c_functions, matrices
 from support.tools import run
 
 from gibbs_codegen import generate, load
@@ -21,7 +21,7 @@ PAGE = (ROOT / "docs" / "reference" / "equations.md").read_text(encoding="utf-8"
 def test_the_page_shows_what_the_package_writes() -> None:
     """`python docs/_ext/small_robot.py` prints it."""
     assert matrices(TEXT) in PAGE
-    assert c_function(TEXT) in PAGE
+    assert c_functions(TEXT) in PAGE
 
 
 def test_equations_by_hand_are_those_of_the_module(tmp_path: Path) -> None:
