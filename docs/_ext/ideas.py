@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch, Polygon
 from sketches import DASHED, arc, directions, draw_curved_arrow, sheet, spot
 
-from gibbs_codegen.figures.appearance import COLOURS, DARK, GOLD, seen_from
+from gibbs_codegen.figures.appearance import COLOURS, DARK
 from gibbs_codegen.figures.marks import (
     CONSTRAINT,
     QUIET,
@@ -23,7 +23,7 @@ from gibbs_codegen.figures.marks import (
     draw_name,
 )
 from gibbs_codegen.figures.style import FULL, style
-from gibbs_codegen.robot.rotations import Array, turn
+from gibbs_codegen.robot.rotations import Array
 
 
 def lift_sketch() -> Figure:
@@ -150,40 +150,6 @@ def held_joint_sketch() -> Figure:
         return figure
 
 
-def book_sketch() -> Figure:
-    """Draw a book turned by 90° about two of its edges, in the one order and in the other."""
-    about_x, about_y = turn(0, np.pi / 2.0), turn(1, np.pi / 2.0)
-    names = ("about $x$, then $y$", "about $y$, then $x$")
-    with style():
-        figure = Figure(figsize=(FULL, 3.1))
-        for row, (first, second) in enumerate(((about_x, about_y), (about_y, about_x))):
-            # Each turn is about an edge of the book, which the turns before have carried along.
-            for column, pose in enumerate((np.eye(3), first, first @ second)):
-                axes = sheet(figure, (2, 4, 4 * row + column + 2), (-1.5, 1.5), (-1.2, 1.2))
-                _draw_book(axes, pose)
-            axes = sheet(figure, (2, 4, 4 * row + 1), (-1.5, 1.5), (-1.2, 1.2))
-            draw_name(axes, names[row].replace(", ", ",\n"), spot(0.0, 0.0))
-        return figure
-
-
-def _draw_book(axes: Axes, pose: Array) -> None:
-    """Draw a box with a gold cover, its axes turned by `pose`, in front of what it hides."""
-    right, up, towards = seen_from((25.0, -50.0))
-    half = np.array([1.0, 0.65, 0.18])
-    for axis in range(3):
-        for side in (-1.0, 1.0):
-            normal = side * pose[:, axis]
-            if normal @ towards > 1e-9:
-                others = [k for k in range(3) if k != axis]
-                signs = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-                corners = np.zeros((4, 3))
-                corners[:, axis] = side * half[axis]
-                corners[:, others] = signs * half[others]
-                flat = corners @ pose.T @ np.array([right, up]).T
-                face = GOLD if axis == 2 and side > 0 else "0.55" if axis == 2 else "0.9"
-                axes.add_patch(Polygon(flat, facecolor=face, edgecolor=DARK, lw=1.0))
-
-
 def wheel_sketch() -> Figure:
     """Draw a piece of a bent arm that turns: the force that it needs, and the moment of that."""
     with style():
@@ -253,50 +219,11 @@ def loop_sketch() -> Figure:
         return figure
 
 
-def horizon_sketch() -> Figure:
-    """Draw a plan over the horizon: the path that is asked for, what is predicted, and inputs."""
-    with style():
-        figure = Figure(figsize=(FULL, 2.9))
-        axes = sheet(figure, (1, 1, 1), (-3.2, 6.2), (-1.75, 2.0))
-        t = np.linspace(-3.0, 5.6, 200)
-        axes.plot(t, _asked(t), color=Y_AXIS, lw=4.0, alpha=0.35)
-        past, ahead = np.linspace(-3.0, 0.0, 60), np.linspace(0.0, 4.8, 13)
-        off = 0.45 * np.exp(-0.9 * (ahead))
-        axes.plot(
-            past,
-            _asked(past) + 0.45 * np.sin(1.2 * (past + 3.0)) * (past + 3.0) / 3.0 * 0.9,
-            color=DARK,
-            lw=1.6,
-        )
-        start = 0.45 * np.sin(3.6) * 0.9
-        axes.plot(ahead, _asked(ahead) + start / 0.45 * off, "o-", color=THRUST, ms=4, lw=1.0)
-        inputs = -1.2 + 0.35 * np.cos(1.7 * ahead) * np.exp(-0.4 * ahead)
-        axes.step(ahead, inputs, where="post", color=COLOURS[0], lw=1.3)
-        axes.plot(ahead[:2], inputs[[0, 0]], color=COLOURS[0], lw=4.0)
-        axes.plot([0.0, 0.0], [-1.6, 1.9], color=QUIET, lw=0.9, ls=DASHED)
-        axes.plot([4.8, 4.8], [-1.6, 1.9], color=QUIET, lw=0.9, ls=DASHED)
-        draw_name(axes, "now", spot(-0.35, 1.75), QUIET)
-        draw_name(axes, "0.4 s, 20 steps", spot(2.4, 1.75), QUIET)
-        draw_name(axes, "end cost", spot(5.5, 1.75), QUIET)
-        draw_name(axes, "asked for, $p_d$", spot(-2.3, -0.9), Y_AXIS)
-        draw_name(axes, "flown", spot(-1.3, 0.6))
-        draw_name(axes, "predicted, $p(q_k)$", spot(2.2, 1.15), THRUST)
-        draw_name(axes, "inputs $u_k$: only $u_0$ acts", spot(2.9, -1.6), COLOURS[0])
-        return figure
-
-
-def _asked(t: Array) -> Array:
-    path: Array = 0.55 * np.sin(0.75 * t) + 0.1
-    return path
-
-
 IDEAS = (
     lift_sketch,
     work_sketch,
     missing_force_sketch,
     held_joint_sketch,
-    book_sketch,
     wheel_sketch,
     loop_sketch,
-    horizon_sketch,
 )

@@ -13,6 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import sympy as sp
 
 from gibbs_codegen.derivation.derive import derive
@@ -113,6 +114,30 @@ const figure = document.getElementById("{name}");
 }})()</script></figure>"""
 
 
+def frames(
+    name: str, inner: str, slider: Slider, drawings: Sequence[dict[str, Any]], pace: float = 0.0
+) -> str:
+    """A figure in which a slider chooses one of several drawings, and time moves it at a pace.
+
+    A drawing has paths in `d` and texts in `words`, by the class of their part.
+    """
+    known = f"const frames = {json.dumps(drawings, ensure_ascii=False)}, pace = {pace};"
+    return movable(name, inner, [slider], [known, script("frames")], plays=pace > 0.0)
+
+
+def line(points: Iterable[Sequence[float]]) -> str:
+    """A path through places, px."""
+    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points)
+
+
+def discs(places: Iterable[Sequence[float]], radius: float) -> str:
+    """A path of circles about places, px."""
+    r, d = radius, 2.0 * radius
+    return "".join(
+        f"M{x - r:.1f} {y:.1f}a{r} {r} 0 1 0 {d} 0a{r} {r} 0 1 0 {-d} 0" for x, y in places
+    )
+
+
 def script(name: str) -> str:
     """One of the scripts beside this module."""
     return (SCRIPTS / f"{name}.js").read_text(encoding="utf-8")
@@ -147,7 +172,8 @@ def hybrid_equation(robot_name: str = "hexarotor_3link") -> str:
     points = list(model.lists["POINTS"])
     arms = [("O2", f"motor{k}") for k in range(1, robot.rotors + 1)]
     arms += pairwise(points[-1 - len(robot.links) :])
-    known = {
+    angles = np.radians([float(robot.base.arm_angle_deg(k)) for k in range(1, robot.rotors + 1)])
+    known: dict[str, Any] = {
         "parts": parts,
         "letters": letters,
         "unknowns": unknowns,
@@ -156,19 +182,31 @@ def hybrid_equation(robot_name: str = "hexarotor_3link") -> str:
         "units": [c.unit for c in description.hybrid_coordinates],
         "free": [description.hybrid_coordinates.index(c) for c in description.coordinates],
         "arms": arms,
+        "angles": angles.tolist(),
         "points": points,
         "colours": [chain_colour(chain.number) for chain in decompose(robot)],
         "view": seen_from(VIEW)[:2].tolist(),
     }
     lines = "".join(f'<path class="arm-{k}"/>' for k in range(1, len(arms) + 1))
+    for k, angle in enumerate(known["angles"], start=1):
+        tip = np.array([90.0, 255.0]) + 72.0 * np.array([np.cos(angle), -np.sin(angle)])
+        lines += f'<path d="{line([(90.0, 255.0), tip])}" stroke="#999" stroke-width="4"/>'
+        if k > 1:
+            lines += (
+                f'<path class="torque-{k}" stroke="{known["colours"][k - 2]}" '
+                'marker-end="url(#hybrid-equation-head)"/>'
+            )
+    lines += '<text x="8" y="345" fill="currentColor">torques in the base</text>'
     words = (
-        "The robot, moved by its hybrid system; the arms whose mass makes the entry are coloured."
+        "The robot, moved by its hybrid system; the arms whose mass makes the entry are coloured. "
+        "Below, the base from above, with arcs for the torques that keep its arms from turning."
     )
-    machine = panel("hybrid-equation", words, (180, 180), lines, least=8)
+    machine = panel("hybrid-equation", words, (180, 350), lines, least=8)
     told = (
         '<div style="flex:3 1 12rem;min-width:0"><p class="entry" aria-live="polite"></p>'
         '<div class="terms" tabindex="0" style="height:9em;overflow:auto"></div>'
-        '<p class="value" style="font-variant-numeric:tabular-nums"></p></div>'
+        '<p class="value" style="font-variant-numeric:tabular-nums"></p><p class="torques" '
+        'style="font-variant-numeric:tabular-nums"></p></div>'
     )
     functions = ("hybrid_mass_matrix", "hybrid_residual", "hybrid_input_matrix", "positions")
     scripts = [

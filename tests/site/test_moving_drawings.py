@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 import sympy as sp
 from conftest import ROOT
-from moving import hybrid_equation
+from moving import frames, hybrid_equation, panel
 from support.browser import visit
 from support.notebook_cells import run_cells
 
 from gibbs_codegen import UsageError, generate, load
+from gibbs_codegen.flight import Allocation, Vehicle, inputs_and_constraint_torques
 from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot
@@ -221,6 +222,18 @@ def test_entries_of_the_hybrid_system_are_what_a_touch_says(tmp_path: Path) -> N
             matrix = module.hybrid_mass_matrix(q, constants=constants)
             residual = module.hybrid_residual(q, v, constants=constants)[:, np.newaxis]
             heavier[name] = {"I": abs(matrix - arrays["I"]), "R": abs(residual - arrays["R"])}
+        # Constraint torques: those that the reduced functions find for the same accelerations.
+        found = np.array(json.loads(str(figure.get_attribute("data-found"))))
+        free = [module.HYBRID_COORDINATES.index(x) for x in module.COORDINATES]
+        vehicle = Vehicle(module)
+        allocation = Allocation(vehicle.thrust_wrenches())
+        _, torques = inputs_and_constraint_torques(vehicle, allocation, q, v, found[free])
+        assert np.allclose(found[14:], torques, atol=1e-6)
+        for k, torque in enumerate(torques, start=2):
+            arc = np.reshape(numbers(seen.page, f"torque-{k}", "d"), (-1, 2)) - [90.0, 255.0]
+            swept = np.unwrap(np.arctan2(-arc[:, 1], arc[:, 0]))
+            assert np.isclose(swept[0], np.radians(60.0 * (k - 4)), atol=0.01)
+            assert np.isclose(swept[-1] - swept[0], np.clip(torque / 3.0, -5, 5), atol=0.02)
         postures = [dict(zip(module.COORDINATES, x, strict=True)) for x in (q, v)]
         for cell in seen.page.locator("[data-at]").all():
             cell.evaluate("one => one.click()")
@@ -365,38 +378,215 @@ def in_numbers(said: str, q: dict[str, float], v: dict[str, float]) -> float:
     return value(expression.rpartition(" = ")[2])
 
 
+def cells_of(notebook: str, *names: str, changes: dict[str, str] | None = None) -> Any:
+    """The last of some cells of a notebook, run in its order: what it shows, and the namespace."""
+    book = nbformat.read(ROOT / f"notebooks/{notebook}.ipynb", as_version=4)
+    wanted = [c for c in book.cells if c.id in names]
+    for cell in wanted:
+        cell.source = (changes or {}).get(cell.id, cell.source)
+    return run_cells(wanted, {names[-1]})[names[-1]]
+
+
+def drawings_of(figure: Any) -> list[dict[str, dict[str, str]]]:
+    """The drawings that a slider chooses from."""
+    line = next(x for x in figure.data.splitlines() if x.startswith("const frames = "))
+    drawings, _ = json.JSONDecoder().raw_decode(line.removeprefix("const frames = "))
+    return list(drawings)
+
+
+def points(line: str) -> Any:
+    """Places (n, 2), px, at which parts of a path begin or lines of it end."""
+    return np.array(re.findall(r"[ML](-?[\d.]+) (-?[\d.]+)", line), dtype=float)
+
+
 def test_step_response_grows_beyond_the_limits_found_by_hand(tmp_path: Path) -> None:
-    notebook = nbformat.read(ROOT / "notebooks/06_your_own_controller.ipynb", as_version=4)
-    wanted = [c for c in notebook.cells if c.id in ("setup", "step-response")]
-    drawing, _ = run_cells(wanted, {"step-response"})["step-response"]
-    with open_page(drawing.data, tmp_path) as seen:
+    """Roots are those of the matrix of exercise 1, and say how the error that is drawn grows."""
+    drawing, _ = cells_of("06_your_own_controller", "setup", "step-response")
+    with open_drawing({"drawn": (drawing,)}, "drawn", tmp_path) as seen:
 
-        def growth(h: float, delay: float, lag: float) -> float:
+        def growth(h: float, delay: float, lag: float) -> tuple[float, float]:
             move(seen.page, h, delay, lag)
-            return float(str(seen.page.locator("figure").get_attribute("data-growth")))
+            data = seen.page.locator("figure").evaluate("one => ({...one.dataset})")
+            return float(data["growth"]), float(data["slowest"])
 
-        assert growth(0.005, 0.0, 1e-4) < 1e-3
+        assert growth(0.005, 0.0, 1e-4)[0] < 1e-3
         for below, above in (
             ((0.19, 0.0, 1e-4), (0.21, 0.0, 1e-4)),
             ((0.005, 0.12, 1e-4), (0.005, 0.132, 1e-4)),
             ((0.005, 0.0, 0.38), (0.005, 0.0, 0.42)),
         ):
-            assert growth(*below) < 1.0 < growth(*above)
+            (before, left), (after, right) = growth(*below), growth(*above)
+            assert before < 1.0 < after
+            assert left < 0.0 < right
+            # Peaks of two seconds, some of which fall between samples.
+            assert np.isclose(before, np.exp(2.0 * left), rtol=0.15)
+            assert np.isclose(after, np.exp(2.0 * right), rtol=0.15)
+        h = 0.15
+        by_hand = np.array([[1 - 12.5 * h**2, h - 5.0 * h**2], [-25.0 * h, 1 - 10.0 * h]])
+        expected = np.log(np.abs(np.linalg.eigvals(by_hand)).max()) / h
+        assert np.isclose(growth(h, 0.0, 1e-4)[1], expected, rtol=1e-3)
         assert (seen.foreign, seen.faults) == ([], [])
 
 
 def test_hydrus_follows_its_joints(tmp_path: Path) -> None:
-    notebook = nbformat.read(ROOT / "notebooks/04_quasi_velocities.ipynb", as_version=4)
-    wanted = [c for c in notebook.cells if c.id in ("setup", "hydrus-drawn")]
     module = load(generate("hydrus", tmp_path, verify=False))
-    wanted[0].source += f"\nhydrus = load({str(tmp_path / 'hydrus')!r})"
-    drawing, _ = run_cells(wanted, {"hydrus-drawn"})["hydrus-drawn"]
+    loaded = f"hydrus = load({str(tmp_path / 'hydrus')!r})"
+    drawing, _ = cells_of(
+        "04_quasi_velocities",
+        "setup",
+        "compare-with-pinocchio",
+        "hydrus-drawn",
+        changes={"compare-with-pinocchio": loaded},
+    )
+    drawings = drawings_of(drawing)
+    assert len(drawings) == 91
+    for angle in (0, 60, 90):
+        posture = np.array([0, 0, 0, 0, 0, 0, 1, *[np.deg2rad(angle)] * 3])
+        centres = np.add(points(drawings[angle]["d"]["rotors"]), (14.0, 0.0))
+        at = dict(zip(module.POINTS, module.positions(posture), strict=True))
+        off = [at[f"rotor{k}"] - module.centre_of_mass(posture) for k in (1, 2, 3, 4)]
+        assert np.allclose(centres, [200, 130] + [130, -130] * np.array(off)[:, :2], atol=0.06)
+
+
+def test_books_end_a_third_of_a_turn_apart() -> None:
+    """The corners of their covers are turned by matrices of rotation."""
+    drawing, _ = cells_of("04_quasi_velocities", "setup", "two-turns", "book-that-is-turned")
+    drawings = drawings_of(drawing)
+    assert drawings[0]["words"]["apart"] == "apart by a turn of 0°"
+    assert drawings[-1]["words"]["apart"] == "apart by a turn of 120°"
+    about_x = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+    about_y = np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]])
+    sine, cosine = np.sin(np.radians([25.0, -50.0])), np.cos(np.radians([25.0, -50.0]))
+    right = [-sine[1], cosine[1], 0.0]
+    up = [-sine[0] * cosine[1], -sine[0] * sine[1], cosine[0]]
+    cover = np.array([(x, y, 0.18) for x in (-1, 1) for y in (-0.65, 0.65)])
+    for k, turned in enumerate((about_x @ about_y, about_y @ about_x)):
+        drawn = points(drawings[-1]["d"][f"cover-{k}"])
+        expected = cover @ turned.T @ np.array([right, up]).T * [85, -85] + [135 + 220 * k, 145]
+        assert np.allclose(
+            np.linalg.norm(drawn[:, None] - expected, axis=2).min(axis=0), 0, atol=0.1
+        )
+
+
+def test_arrows_of_the_wheel_give_the_thrust_of_motor_3() -> None:
+    """By the levers of the page; inverse dynamics found the shares that stand beside them."""
+    drawing, names = cells_of(
+        "05_flight",
+        "generate-the-robot",
+        "fly-the-paper",
+        "eqs-20-and-21",
+        "attitude-and-its-rates",
+        "desired-motion",
+        "required-inputs",
+        "static-share",
+        "split-of-the-peak",
+        "wheel-in-motion",
+        changes={"fly-the-paper": 'scenario = read_scenario("paper")'},
+    )
+    drawings = drawings_of(drawing)
+    arm = np.array([np.cos(np.radians(-60.0)), np.sin(np.radians(-60.0))])
+    largest = 0.0
+    for drawn in drawings:
+        for name in ("rates", "joint"):
+            start, tip = points(drawn["d"][name])
+            moment = (tip - start) / [58.0, -58.0] * 200.0
+            share = 2.0 / 3.0 * moment @ arm / 0.5
+            said = float(drawn["words"][f"{name}-now"].split()[-2])
+            # The base turns about O1, not about axis 7.
+            assert np.isclose(share, said, atol=12.0)
+        whole = float(drawn["words"]["whole-now"].split()[-2])
+        assert abs(whole) <= 533
+        largest = max(largest, whole)
+    assert largest == 533
+    assert len(drawings) == len(names["near_peak"])
+
+
+def test_plans_are_what_is_flown_next() -> None:
+    """Places that are predicted are reached, along a circle, by thrusts that were planned."""
+    drawing, names = cells_of(
+        "07_derivatives",
+        "setup",
+        "generate-the-robot",
+        "model-predictive-controller",
+        "horizon-flown",
+    )
+    drawings, per_metre = drawings_of(drawing), 800.0
+    assert drawings[0]["words"]["off"] == "59.2 mm off the path"
+    at = [points(drawn["d"]["gripper"])[0] for drawn in drawings]
+    # Drawings are two calls apart. The first plans are for steps in which joints are fast.
+    for k, drawn in enumerate(drawings[3:-10], start=3):
+        ahead = points(drawn["d"]["predicted"])
+        assert len(ahead) == 20
+        assert np.allclose(ahead[1::2], at[k + 1 : k + 11], atol=0.2 + 1e-4 * per_metre)
+    share = np.arange(0.0, 4.0, 0.04)[: len(at)] / 4.0
+    angle = 2.0 * np.pi * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+    asked = np.transpose([185 + 80 * np.sin(angle), 150 - 80 * np.cos(angle)])
+    assert np.allclose(at[25:], asked[25:], atol=1.0)
+    assert np.allclose(names["acted"][1:, :6], names["thrusts_planned"][:-1, 0], atol=1.2)
+    assert np.allclose(names["acted"][21:, :6], names["thrusts_planned"][20:-1, 0], atol=0.02)
+
+
+def test_sleigh_keeps_its_energy_and_ends_straight(tmp_path: Path) -> None:
+    """Chaplygin's sleigh ends at the speed of exercise 1, the wrong one goes round for ever."""
+    drawing, names = cells_of("08_other_bases", "setup", "rover-robot", "sleigh-to-be-pushed")
+    rover = names["rover"]
     with open_page(drawing.data, tmp_path) as seen:
-        for angle in (0.0, 60.0, 90.0):
-            move(seen.page, angle)
-            posture = np.array([0, 0, 0, 0, 0, 0, 1, *[np.deg2rad(angle)] * 3])
-            discs = np.reshape(numbers(seen.page, "rotors", "d"), (4, -1))[:, :2] + [14.0, 0.0]
-            at = dict(zip(module.POINTS, module.positions(posture), strict=True))
-            off = [at[f"rotor{k}"] - module.centre_of_mass(posture) for k in (1, 2, 3, 4)]
-            assert np.allclose(discs, [200, 130] + [130, -130] * np.array(off)[:, :2], atol=0.06)
+        figure = stood_still(seen)
+
+        def state() -> tuple[Any, Any, float]:
+            data = figure.evaluate("one => ({...one.dataset})")
+            return *(np.array(json.loads(data[x])) for x in ("right", "wrong")), float(
+                data["energy"]
+            )
+
+        begin, _, energy = state()
+        assert np.isclose(energy, rover.kinetic_energy(begin[:3], [-0.6, 0.0, 2.0]))
+        assert np.isclose(energy, 0.4 * 0.36 + 0.5 * (0.03 + 0.8 * 0.09) * 4.0)
+        figure.evaluate("one => one.advance(8)")
+        right, wrong, kept = state()
+        assert np.isclose(kept, energy, atol=1e-6)
+        assert np.isclose(right[3], np.sqrt(0.87), atol=1e-3)
+        assert abs(right[4]) < 1e-2
+        # Round a circle of 0.3 m.
+        circle = [-0.3 * np.sin(16.0), -0.3 * (1.0 - np.cos(16.0)), 16.0, -0.6, 2.0]
+        assert np.allclose(wrong, circle, atol=1e-4)
+        # The keyboard pushes it by its centre of mass, along the axes of the picture.
+        seen.page.locator(".mass").focus()
+        seen.page.keyboard.press("ArrowUp")
+        pushed, alike, _ = state()
+        assert np.array_equal(pushed, alike)
+        assert np.linalg.norm(pushed[3:] - right[3:]) > 1e-3
+        move(seen.page, 1.0, 0.0)
+        figure.evaluate("one => one.advance(1)")
+        assert np.allclose(state()[0], [1.0, 0.0, 0.0, 1.0, 0.0])
+        box = seen.page.locator(".mass").bounding_box()
+        assert box is not None
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        seen.page.mouse.move(x, y)
+        seen.page.mouse.down()
+        seen.page.mouse.move(x, y - 60)
+        figure.evaluate("one => one.advance(0.2)")
+        seen.page.mouse.up()
+        right, wrong, _ = state()
+        assert right[4] > 0.3
+        assert np.array_equal(right, wrong)
+        assert (seen.foreign, seen.faults) == ([], [])
+
+
+def test_time_and_the_slider_choose_a_drawing(tmp_path: Path) -> None:
+    drawings = [{"d": {"line": f"M0 {k}h9"}, "words": {"said": str(-k)}} for k in range(5)]
+    inner = panel("five", "Five lines.", (9, 9), '<path class="line"/><text class="said"/>')
+    text = frames("five", inner, ("time", 1, 3, 1, "s", 1), drawings, pace=0.5)
+    with open_page(text, tmp_path) as seen:
+        figure = stood_still(seen)
+        for value, expected in ((1.0, 0), (2.0, 2), (3.0, 4)):
+            move(seen.page, value)
+            assert figure.get_attribute("data-frame") == str(expected)
+            assert seen.page.locator(".line").get_attribute("d") == f"M0 {expected}h9"
+        assert seen.page.locator(".said").text_content() == "−4"
+        move(seen.page, 1.5)
+        figure.evaluate("one => one.advance(2)")
+        assert figure.get_attribute("data-frame") == "3"
+        figure.evaluate("one => one.advance(2)")  # From the last it begins again.
+        assert figure.get_attribute("data-frame") == "1"
         assert (seen.foreign, seen.faults) == ([], [])

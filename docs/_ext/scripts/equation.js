@@ -16,15 +16,18 @@ v = asked(0)[1];
 const arrays = () => ({I: rows(hybrid_mass_matrix(q), size), R: rows(hybrid_residual(q, v), 1),
   B: rows(hybrid_input_matrix(q), known.acting.length)});
 
+// All unknowns, under the inputs for the motion that is asked for.
+const solution = () => {
+  const {I, R, B} = arrays(), [q_d, v_d, a_d] = asked(time), wanted = Array(size).fill(0);
+  known.free.forEach((row, i) => { wanted[row] = a_d[i] + 10 * (v_d[i] - v[i]) + 25 * (q_d[i] - q[i]); });
+  // Inputs and constraint torques for these accelerations, by the rows above the constraints.
+  const needed = times(I, wanted).map((x, i) => x - R[i][0]).slice(0, above);
+  const inputs = solve(B.slice(0, above).map((row, i) => [...row, ...torques.map(k => -I[i][k])]), needed);
+  return solve(I, R.map(([x], i) => x + times([B[i]], inputs)[0]));
+};
 const advance = seconds => {
   for (let left = seconds; left > 1e-9; left -= 0.004) {
-    const h = Math.min(left, 0.004), {I, R, B} = arrays(), [q_d, v_d, a_d] = asked(time);
-    const wanted = Array(size).fill(0);
-    known.free.forEach((row, i) => { wanted[row] = a_d[i] + 10 * (v_d[i] - v[i]) + 25 * (q_d[i] - q[i]); });
-    // Inputs and constraint torques for these accelerations, by the rows above the constraints.
-    const needed = times(I, wanted).map((x, i) => x - R[i][0]).slice(0, above);
-    const inputs = solve(B.slice(0, above).map((row, i) => [...row, ...torques.map(k => -I[i][k])]), needed);
-    const found = solve(I, R.map(([x], i) => x + times([B[i]], inputs)[0]));
+    const h = Math.min(left, 0.004), found = solution();
     v = v.map((x, i) => x + h * found[known.free[i]]);
     q = q.map((x, i) => x + h * v[i]);
     time += h;
@@ -78,7 +81,15 @@ const draw = () => {
   const value = arrays()[letter][row][column], places = rows(positions(q), 3);
   const on = point => times(known.view, places[known.points.indexOf(point)]).map((x, k) => k ? 62 - 38 * x : 52 + 38 * x);
   known.arms.forEach((ends, k) => set(`arm-${k + 1}`, {d: path(ends.map(on))}));
-  Object.assign(figure.dataset, {q: JSON.stringify(q), v: JSON.stringify(v), value});
+  const found = solution(), held_by = torques.map(k => found[k]);
+  // The base from above; 1 rad of an arc is 3 N m.
+  held_by.forEach((torque, k) => {
+    const turn = Math.max(Math.min(torque / 3, 5), -5);
+    set(`torque-${k + 2}`, {d: arc([90, 255], 28 + 7 * k, known.angles[k + 1], turn), opacity: Math.abs(turn) < 0.1 ? 0 : 1});
+  });
+  part("torques").innerHTML = `constraint torques ${held_by.map((x, k) =>
+    `<span style="color:${known.colours[k]}">${index(known.unknowns[torques[k]])} = ${x.toFixed(1)}</span>`).join(", ")} N m`.replaceAll("= -", "= −");
+  Object.assign(figure.dataset, {q: JSON.stringify(q), v: JSON.stringify(v), value, found: JSON.stringify(found)});
   write("value", `now ${Math.abs(value) < 1e-12 ? 0 : value.toPrecision(5)} ${unit}`);
 };
 cells.forEach(cell => {

@@ -4,11 +4,6 @@ let q = [-0.9, 0.8], v = [1, -2];
 // M a = R: no motor acts.
 const accelerations = (q, v) => { const [mass, rest] = mass_matrix_and_residual(q, v); return solve(rows(mass, 2), rest); };
 const slope = x => [x[2], x[3], ...accelerations(x.slice(0, 2), x.slice(2))];
-const moved = (x, k, h) => x.map((one, i) => one + h * k[i]);
-const step = (x, h) => {
-  const a = slope(x), b = slope(moved(x, a, h / 2)), c = slope(moved(x, b, h / 2)), d = slope(moved(x, c, h));
-  return moved(x, a.map((one, i) => (one + 2 * b[i] + 2 * c[i] + d[i]) / 6), h);
-};
 const places = () => {
   const elbow = polar(pivot, scale * rod, q[0]);
   return [pivot, elbow, polar(elbow, scale * rod, q[0] + q[1])];
@@ -26,7 +21,7 @@ const heldByEnd = grip("end", () => places()[2], (x, y) => {
 const advance = seconds => {
   if (heldByElbow() || heldByEnd()) return;
   for (let k = 0, n = Math.ceil(seconds / 0.002); k < n; k++) {
-    const x = step([...q, ...v], seconds / n);
+    const x = runge_kutta(slope, [...q, ...v], seconds / n);
     [q, v] = [x.slice(0, 2), x.slice(2)];
   }
 };

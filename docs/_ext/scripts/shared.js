@@ -28,6 +28,12 @@ const solve = (matrix, right) => {
 };
 const rows = (flat, width) => Array.from({length: flat.length / width}, (_, i) => flat.slice(i * width, i * width + width));
 const times = (matrix, vector) => matrix.map(row => row.reduce((sum, x, j) => sum + x * vector[j], 0));
+// A step h in time by Runge and Kutta's rule of fourth order.
+const runge_kutta = (slope, x, h) => {
+  const moved = (k, h) => x.map((one, i) => one + h * k[i]);
+  const a = slope(x), b = slope(moved(a, h / 2)), c = slope(moved(b, h / 2)), d = slope(moved(c, h));
+  return moved(a.map((one, i) => (one + 2 * b[i] + 2 * c[i] + d[i]) / 6), h);
+};
 
 // Sliders, whose values stand beside them; draw is given all of them.
 const inputs = [...figure.querySelectorAll("input")];

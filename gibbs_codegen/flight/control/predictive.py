@@ -342,6 +342,12 @@ class Predictive:
         """Rate of its plans, Hz."""
         return 1.0 / self.step
 
+    @property
+    def plan(self) -> tuple[Array, Array]:
+        """The plan from the next call on, copied: q (nodes, nq), inputs (nodes, nu) from each."""
+        arrays = self._compiled.arrays
+        return arrays["x"][:-1, : self.hover.q.size].copy(), arrays["u"].copy()
+
     def __reduce__(self) -> tuple[Any, ...]:
         # The module finds the compiled library again, in other processes too.
         options = {setting.name: getattr(self, setting.name) for setting in fields(self)}
@@ -399,13 +405,11 @@ class Predictive:
             raise NoPlanError(
                 f"{self.vehicle.name}: at t = {time:.6g} s no plan was found for {self.nodes} "
                 f"instants, {self.nodes * self.step:.3g} s; control is lost, or the task exceeds "
-                "the "
-                f"limits{'' if np.all(np.isfinite([*q, *v])) else '; its state is not finite'}"
+                f"the limits{'' if np.all(np.isfinite([*q, *v])) else '; its state is not finite'}"
             )
         following = clock.perf_counter()
         compiled.shift()
-        shifting = clock.perf_counter() - following
-        preparation = prepared - begin + shifting
+        preparation = prepared - begin + clock.perf_counter() - following
         self.log.append(
             Instant(time, preparation, seconds, solved, int(arrays["iterations"]), **plan)
         )
