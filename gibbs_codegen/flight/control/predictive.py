@@ -675,9 +675,8 @@ class Predictive:
         nd, moved = robot.space.displacements, robot.layout.displaced.joints
         joints = rates.stop - rates.start
         # Inputs of one value, as of joints that nothing drives, keep a trace of room.
-        bounds = self._bounds + np.outer(
-            [-1.0, 1.0], _TRACE * (np.ptp(self._bounds, axis=0) == 0.0)
-        )
+        traces = _TRACE * (np.ptp(self._bounds, axis=0) == 0.0)
+        bounds = self._bounds + np.outer([-1.0, 1.0], traces)
         limit_rows = [(LimitRow(i, i), *bounds[:, i], _NONE, 0.0) for i in range(nu)]
         for k in range(joints):
             i, at = rates.start + k, joint_places.start + k
@@ -696,12 +695,11 @@ class Predictive:
         limit_rows = [row for row in limit_rows if np.isfinite(row[1]) or np.isfinite(row[2])]
         rows, least, most, penalty, _ = zip(*limit_rows, strict=True) if limit_rows else ((),) * 5
         width = np.subtract(most, least) / 2.0
-        scale = np.where(np.isfinite(width), width, 1.0)
         values = {
             "least": np.clip(least, -_NONE, None),
             "most": np.clip(most, None, _NONE),
             "penalty": np.array(penalty),
-            "scale": scale,
+            "scale": np.where(np.isfinite(width), width, 1.0),
         }
         return list(rows), (values if limit_rows else {})
 
