@@ -428,6 +428,53 @@ def test_step_response_grows_beyond_the_limits_found_by_hand(tmp_path: Path) -> 
         assert (seen.foreign, seen.faults) == ([], [])
 
 
+def test_pendulum_follows_the_ring_within_the_limits(tmp_path: Path) -> None:
+    """With a fast loop errors are those of the formula; weight helps a lag while it hangs."""
+    drawing, _ = cells_of("06_your_own_controller", "setup", "pendulum-in-the-loop")
+    with open_page(drawing.data, tmp_path) as seen:
+        figure = stood_still(seen)
+
+        def error() -> Any:
+            data = figure.evaluate("one => ({...one.dataset})")
+            return np.subtract(json.loads(data["target"]), json.loads(data["q"]))
+
+        def largest(*settings: float) -> list[float]:
+            """Largest errors of the third and of the fifth second, from the same start."""
+            seen.page.reload()
+            move(seen.page, *settings)
+            found = []
+            for ready in (2.0, 1.0):
+                figure.evaluate("(one, ready) => one.advance(ready)", ready)
+                tops = []
+                for _ in range(10):
+                    figure.evaluate("one => one.advance(0.1)")
+                    tops.append(np.abs(error()).max())
+                found.append(max(tops))
+            return found
+
+        move(seen.page, 0.005, 0.0, 1e-4)
+        begin = error()
+        figure.evaluate("one => one.advance(0.5)")
+        assert np.allclose(error(), begin * 3.5 * np.exp(-2.5), atol=0.02)
+        for inside in ((0.17, 0.0, 1e-4), (0.005, 0.12, 1e-4), (0.005, 0.0, 0.5)):
+            early, late = largest(*inside)
+            assert late < early
+        for beyond in ((0.21, 0.0, 1e-4), (0.005, 0.135, 1e-4)):
+            assert max(largest(*beyond)) > 1.0
+        # Over its pivot.
+        move(seen.page, 0.005, 0.0, 0.02)
+        seen.page.locator(".target").focus()
+        for _ in range(16):
+            seen.page.keyboard.press("ArrowUp")
+        figure.evaluate("one => one.advance(6)")
+        assert np.abs(error()).max() < 1e-3
+        move(seen.page, 0.005, 0.0, 0.3)
+        seen.page.keyboard.press("ArrowLeft")
+        figure.evaluate("one => one.advance(10)")
+        assert np.abs(error()).max() > 0.3
+        assert (seen.foreign, seen.faults) == ([], [])
+
+
 def test_hydrus_follows_its_joints(tmp_path: Path) -> None:
     module = load(generate("hydrus", tmp_path, verify=False))
     loaded = f"hydrus = load({str(tmp_path / 'hydrus')!r})"

@@ -13,11 +13,8 @@ const heldByElbow = grip("elbow", () => places()[1], (x, y) => {
   const first = Math.atan2(pivot[1] - y, x - pivot[0]);
   rest(first, q[0] + q[1] - first);
 });
-const heldByEnd = grip("end", () => places()[2], (x, y) => {
-  const [dx, dy] = [x - pivot[0], pivot[1] - y], far = Math.min(Math.hypot(dx, dy) / scale, 1.999 * rod);
-  const second = Math.sign(q[1] || 1) * Math.acos(Math.max(far * far / (2 * rod * rod) - 1, -0.999));
-  rest(Math.atan2(dy, dx) - second / 2, second);
-});
+const heldByEnd = grip("end", () => places()[2], (x, y) =>
+  rest(...reached([x - pivot[0], pivot[1] - y].map(x => x / scale), rod, q[1])));
 const advance = seconds => {
   if (heldByElbow() || heldByEnd()) return;
   for (let k = 0, n = Math.ceil(seconds / 0.002); k < n; k++) {

@@ -28,6 +28,12 @@ const solve = (matrix, right) => {
 };
 const rows = (flat, width) => Array.from({length: flat.length / width}, (_, i) => flat.slice(i * width, i * width + width));
 const times = (matrix, vector) => matrix.map(row => row.reduce((sum, x, j) => sum + x * vector[j], 0));
+// Angles of two rods of a length whose end is as near to a place as can be; the second has the sign of `side`.
+const reached = ([x, y], rod, side) => {
+  const far = Math.min(Math.hypot(x, y) / rod, 1.999);
+  const second = Math.sign(side || 1) * Math.acos(Math.max(far * far / 2 - 1, -0.999));
+  return [Math.atan2(y, x) - second / 2, second];
+};
 // A step h in time by Runge and Kutta's rule of fourth order.
 const runge_kutta = (slope, x, h) => {
   const moved = (k, h) => x.map((one, i) => one + h * k[i]);
