@@ -289,6 +289,7 @@ def _verify(parser: Parser) -> None:
     parser.add("--seed", None, "seed of the states", type=int, default=0)
     meaning = "a back end to verify; may be repeated (default: both)"
     parser.add("--backend", None, meaning, choices=("numpy", "c"), action="append")
+    parser.flag("--rows", "print every comparison")
     _add_json(parser)
 
 

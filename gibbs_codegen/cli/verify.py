@@ -7,21 +7,18 @@ import json
 import math
 import os
 import sys
-import textwrap
-from collections.abc import Iterator
+import time
 from dataclasses import asdict
 from typing import Any
 
-from rich.console import Console
-from rich.text import Text
-
 from gibbs_codegen.cli import robot_argument, terminal
-from gibbs_codegen.cli.terminal import plain_table
 from gibbs_codegen.errors import printable
 from gibbs_codegen.verification.comparison import Comparison, failure_text, shown
 from gibbs_codegen.verification.modules import verify
 from gibbs_codegen.verification.verify import Verification
 
+# Fewer comparisons with one thing have no line of their own.
+_MANY = 7
 # Longer, a list of failures is not read.
 _MOST_FAILURES = 12
 
@@ -32,21 +29,21 @@ def run(options: argparse.Namespace) -> int:
     with terminal.ended_by_signals(), module as (folder, is_kept):
         with terminal.progress("checking the functions of the module") as progress:
             backends = options.backend or ["numpy", "c"]
+            start = time.monotonic()
             checked = verify(folder, options.states, options.seed, backends, progress)
+            seconds = time.monotonic() - start
         lacking = [b for b in options.backend or () if b not in checked.comparisons]
         passed = checked.passed and not lacking
         if options.json:
             print(json.dumps(as_data(checked) | {"passed": passed}, indent=2))
         else:
-            width = terminal.width()
-            print_verification(checked, Console(width=width, highlight=False, soft_wrap=False))
+            print("\n".join(every_row(checked) if options.rows else summary(checked)))
+            for what, reason in checked.not_done.items():
+                print(f"{what}: not compared: {reason}")
             if passed:
                 name = min(str(folder), os.path.relpath(folder), key=len)
-                verdict = f": all {checked.count} comparisons within their limits"
-                shortened = printable(
-                    name if is_kept else checked.robot, max(width - len(verdict), 16)
-                )
-                print(shortened + verdict)
+                verdict = f": all {checked.count} comparisons within their limits, {seconds:.0f} s"
+                print(printable(name if is_kept else checked.robot, 80) + verdict)
             if passed and not is_kept:
                 print("(the module was generated for this check and is not kept)")
     if passed:
@@ -82,53 +79,35 @@ def as_data(verification: Verification) -> dict[str, Any]:
     }
 
 
-def print_verification(verification: Verification, console: Console) -> None:
-    """Print the largest errors: for each back end functions by formulations, then the rest."""
-    for backend, comparisons in verification.comparisons.items():
-        columns: Columns = {}
-        for comparison in comparisons:
-            columns.setdefault(comparison.against, {})[comparison.what] = comparison
-        # Columns of their own for what many functions are compared with; the rest in lines.
-        wide = {
-            against: rows
-            for against, rows in columns.items()
-            if len(rows) > 6 and any(c.states for c in rows.values())
-        }
-        others = [c for c in comparisons if c.against not in wide]
-        title = f"{backend}: largest relative error of each function against what a column names"
-        for some in _fitting(wide, console.width):
-            table = plain_table(title, padding=(0, 2, 0, 0))
-            table.add_column("function", no_wrap=True, vertical="bottom")
-            for against in some:
-                table.add_column(
-                    _heading(against), justify="right", no_wrap=True, vertical="bottom"
-                )
-            functions = list(dict.fromkeys(what for rows in some.values() for what in rows))
-            for function in functions:
-                table.add_row(function, *(_cell(rows.get(function)) for rows in some.values()))
-            limits = [f"{max(c.limit for c in rows.values()):.2g}" for rows in some.values()]
-            counts = [str(max(c.states for c in rows.values())) for rows in some.values()]
-            table.add_row("limit", *limits, style="dim")
-            table.add_row("states", *counts, style="dim")
-            console.print(table)
-            console.print()
-            title = f"{backend}: against what further columns name"
-        if others:
-            table = plain_table(f"{backend}: other comparisons")
-            table.add_column("what", no_wrap=True)
-            table.add_column("against", overflow="fold")
-            for column in ("states", "error", "limit"):
-                table.add_column(column, justify="right")
-            for c in others:
-                limit = "exact" if c.limit == 0.0 else shown(c)[1]
-                states = str(c.states) if c.states else "-"
-                table.add_row(Text(c.what), Text(c.against), states, _cell(c), limit)
-                if c.fault:
-                    table.add_row("", Text(c.fault, style="red"))
-            console.print(table)
-            console.print()
-    for what, reason in verification.not_done.items():
-        console.print(Text(f"{what}: not compared: {reason}"))
+def summary(verification: Verification) -> list[str]:
+    """A line for each thing that is compared with: of its results the one nearest to its limit."""
+    kinds: dict[str, list[Comparison]] = {}
+    for rows in verification.comparisons.values():
+        for comparison in rows:
+            kinds.setdefault(comparison.against, []).append(comparison)
+    few = [kind for kind, rows in kinds.items() if len(rows) < _MANY]
+    if few:
+        kinds["others"] = [comparison for kind in few for comparison in kinds.pop(kind)]
+    width = max(map(len, kinds), default=0)
+    lines = [f"{'compared with':{width}}  results  states  worst error    limit"]
+    for kind, rows in kinds.items():
+        worst = max(rows, key=_nearness)
+        error, limit = shown(worst)
+        words = f"{limit if worst.limit else 'equal':>7}{'' if worst.passed else '  FAILS'}"
+        states = max(x.states for x in rows) or "-"
+        lines.append(f"{kind:{width}}  {len(rows):7}  {states:>6}  {error:>11}  {words}")
+    return [*lines, "Errors are shares of the terms of which a result is the sum."]
+
+
+def _nearness(comparison: Comparison) -> tuple[bool, float]:
+    limit = comparison.limit
+    return not comparison.passed, comparison.error / limit if limit else comparison.error
+
+
+def every_row(verification: Verification) -> list[str]:
+    """A line for each comparison."""
+    found = verification.comparisons.items()
+    return [f"{backend}: {failure_text(row)}" for backend, rows in found for row in rows]
 
 
 def failure_lines(verification: Verification) -> list[str]:
@@ -138,40 +117,3 @@ def failure_lines(verification: Verification) -> list[str]:
     if len(failures) > _MOST_FAILURES:
         lines.append(f"and {len(failures) - _MOST_FAILURES} more")
     return lines
-
-
-Columns = dict[str, dict[str, Comparison]]
-
-
-def _fitting(columns: Columns, width: int) -> Iterator[Columns]:
-    """The columns shared among tables that are no wider than the terminal, one column at least."""
-    functions = {what for rows in columns.values() for what in rows}
-    room = width - max(map(len, functions), default=0)
-    some: Columns = {}
-    left = room
-    for against, rows in columns.items():
-        cells = [_cell(comparison).plain for comparison in rows.values()]
-        needed = 2 + max(map(len, [*_heading(against).split("\n"), *cells]))
-        if some and needed > left:
-            yield some
-            some, left = {}, room
-        some[against] = rows
-        left -= needed
-    if some:
-        yield some
-
-
-def _heading(against: str) -> str:
-    """A heading in short lines."""
-    return textwrap.fill(against, 12, break_long_words=False)
-
-
-def _cell(comparison: Comparison | None) -> Text:
-    if comparison is None:
-        return Text("-", style="dim")
-    if comparison.passed:
-        return Text(f"{comparison.error:.1e}" if comparison.error else "0")
-    error, limit = shown(comparison)
-    number = f"{error} > {limit}" if math.isfinite(comparison.error) else ""
-    # The word too, for a pipe has no colours.
-    return Text(f"FAILS {number}".strip(), style="bold red")

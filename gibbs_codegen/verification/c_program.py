@@ -33,7 +33,8 @@ from gibbs_codegen.verification.vectors import Array
 from gibbs_codegen.verification.verify import most_states
 
 _HEADER = "the header"
-PARTIAL, SINGLE_PRECISION = "last block not full", "single precision"
+PARTIAL = f"{NewtonEuler.name}, last block not full"
+SINGLE_PRECISION = f"{NewtonEuler.name}, single precision"
 # States in a block in single precision, in which registers hold twice as many numbers.
 _SINGLE_LANES = 2 * LANES
 # Every number of states in a last block, and one of them after a block that is full.

@@ -50,8 +50,10 @@ Progress = Callable[[str], None]
 Known = dict[Hashable, Any]
 Made = TypeVar("Made")
 
-ONE_STATE, ANY_ANGLES = "one state by itself", "any angles"
-OTHER_PARAMETERS = "other parameters"
+ONE_STATE, ANY_ANGLES, OTHER_PARAMETERS = (
+    f"{NewtonEuler.name}, {words}"
+    for words in ("one state at a time", "any angles", "other parameters")
+)
 # Formulations by libraries, whose names their modules in this package begin with.
 _LIBRARIES = {"Pinocchio": "pinocchio", "MuJoCo": "mujoco"}
 # A module that was just emitted is compared at so many: a few reveal a wrong one.
@@ -293,7 +295,7 @@ def _with_other_parameters(
             return
         yield from _compare_again(evaluation, case, extent.singly, OTHER_PARAMETERS)
         usual = States.random(case.tree, count, (seed, 1, number))
-        also = f", {OTHER_PARAMETERS}"
+        also = ", other parameters"
         yield from invariants.compare_with_itself(evaluation, there, other, unknown, usual, also)
         few = usual.first(extent.derivatives)
         yield from compare_derivatives(

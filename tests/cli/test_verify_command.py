@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import re
@@ -14,13 +13,11 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from rich.console import Console
 
 from gibbs_codegen.cli.app import main
-from gibbs_codegen.cli.verify import print_verification
+from gibbs_codegen.cli.verify import summary
 from gibbs_codegen.targets.printers import InfixPrinter
 from gibbs_codegen.verification.comparison import Comparison, failure_text
-from gibbs_codegen.verification.modules import verify
 from gibbs_codegen.verification.verify import Verification
 
 pytestmark = pytest.mark.usefixtures("derived_once")
@@ -29,50 +26,41 @@ COMMAND = [sys.executable, "-m", "gibbs_codegen"]
 
 
 @pytest.mark.slow
-def test_verify_prints_tables_and_a_verdict(
+def test_verify_prints_a_line_for_each_formulation_or_for_each_comparison(
     small: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = small
-    assert main(["verify", str(folder), "--states", "2", "--backend", "numpy"]) == 0
+    command = ["verify", str(small), "--states", "2", "--backend", "numpy"]
+    assert main(command) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    for words in ("forward_dynamics", "Newton–Euler", "Lagrange", "Pinocchio", "power balance"):
+    for words in ("Newton–Euler, any angles ", "Lagrange ", "Pinocchio ", "others "):
         assert words in out
-    assert re.search(r": all \d+ comparisons within their limits\n", out)
-    assert max(map(len, out.splitlines())) <= 80
+    count = re.search(r": all (\d+) comparisons within their limits, \d+ s\n", out)
+    assert count is not None
+    lines = out.splitlines()
+    assert max(map(len, lines[:-1])) <= 80
+    assert len(lines) < 20
+    results = [int(line[slice(*re.search("results", lines[0]).span())]) for line in lines[1:-2]]
+    assert sum(results) == int(count[1])
+    assert main([*command, "--rows"]) == 0
+    rows = [x for x in capsys.readouterr().out.splitlines() if x.startswith("numpy: ")]
+    assert len(rows) == int(count[1])
+    assert "numpy: forward_dynamics against Lagrange: error " in "\n".join(rows)
 
 
-@pytest.mark.slow
-def test_tables_break_no_name_at_80_columns(small: Path) -> None:
-    """Functions, formulations and numbers stay whole, whatever failed."""
-    rows = verify(small, states=1, backends=["numpy"])
-    failed = [replace(c, error=0.25) for c in rows.comparisons["numpy"]]
-    rows.comparisons["numpy"] = failed
-    console = Console(width=80, file=io.StringIO(), highlight=False)
-    print_verification(rows, console)
-    out = console.file.getvalue()
-    assert max(map(len, out.splitlines())) <= 80
-    words = set(out.split())
-    assert {c.what for c in failed} <= words
-    assert {"Newton–Euler", "Lagrange", "parameters", "2.5e-01"} <= words
-
-
-def test_a_failure_has_the_digits_that_decide() -> None:
-    """In the tables and in the line, at 80 columns and wider."""
+def test_of_each_formulation_what_is_nearest_to_its_limit_is_shown() -> None:
+    """Not what is largest; and what failed, with the digits that decide."""
     rows = [Comparison(what, "single precision", 4, 3.0e-6, 3.8147e-6) for what in "abcdefgh"]
-    rows += [Comparison(what, "itself", 4, 3.8e-6, 3.8147e-6) for what in "ab"]
-    rows[2:9:6] = [replace(rows[2], error=3.8247e-6), replace(rows[8], error=3.8247e-6)]
-    rows[5] = replace(rows[5], error=2.0e-3, limit=1.2345e-5)  # Another limit beside it.
+    rows[2] = replace(rows[2], error=2.0e-3, limit=1.0)
+    rows += [Comparison("a", "itself", 4, 0.0, 0.0), Comparison("b", "itself", 5, 0.0, 0.0)]
     found = Verification("robot", 0, {"c": rows})
-    for width in (80, 160):
-        console = Console(width=width, file=io.StringIO(), highlight=False)
-        print_verification(found, console)
-        by_function, others = console.file.getvalue().split("c: other comparisons")
-        for table in by_function, others:
-            assert re.search(r"FAILS 3\.82e-06 > 3\.81e-06", table)
-        assert "FAILS 2.0e-03 > 1.2e-05" in by_function
-    for _, comparison in found.failures[::2]:
-        assert failure_text(comparison).endswith("error 3.82e-06, limit 3.81e-06")
+    assert [line.split() for line in summary(found)[1:-1]] == [
+        ["single", "precision", "8", "4", "3.0e-06", "3.8e-06"],
+        ["others", "2", "5", "0.0e+00", "equal"],
+    ]
+    rows[4] = replace(rows[4], error=3.8247e-6)
+    assert summary(found)[1].split()[4:] == ["3.82e-06", "3.81e-06", "FAILS"]
+    assert failure_text(rows[4]).endswith("error 3.82e-06, limit 3.81e-06")
 
 
 def test_verify_as_json(small: Path, capsys: pytest.CaptureFixture[str]) -> None:

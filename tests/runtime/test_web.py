@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -22,6 +23,7 @@ ROBOT = "quadrotor_arm_2link"
 # A quaternion is normalised, and both have the library's arctangent, of which the last bit differs.
 OF_ARCTANGENTS = {"difference"}
 STATES = 40
+ZIG = (sys.executable, "-m", "ziglang", "cc", "-target", "wasm32-freestanding")
 CALLS = """
 import { readFileSync, writeFileSync } from "node:fs";
 import { load } from "./robot.mjs";
@@ -71,7 +73,14 @@ def in_c(library: ctypes.CDLL, signature: Signature, given: list[list[float]]) -
     return np.concatenate([np.ravel(x) for x in outputs])
 
 
-def test_bits_are_those_of_c_without_fused_operations(module: ModuleType, tmp_path: Path) -> None:
+@pytest.mark.parametrize("extra", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_bits_are_those_of_c_without_fused_operations(
+    extra: bool, module: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a clang of the machine, and by that of the extra `web`."""
+    if extra:
+        pytest.importorskip("ziglang")
+        monkeypatch.setattr(web, "compiler", lambda: ZIG)
     rng = np.random.default_rng(0)
     neutral = np.eye(9)[module.COORDINATES.index("qw")]
     calls: list[Any] = []
@@ -113,8 +122,13 @@ def test_what_is_of_no_use_is_refused(module: ModuleType, tmp_path: Path) -> Non
         web.web_files(module, ["positions"], ["geometric"])
 
 
-def test_without_a_compiler_both_ways_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_clang_the_extra_compiles_and_else_both_are_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(web.shutil, "which", lambda _: None)
-    monkeypatch.setattr(web, "find_spec", lambda _: None)
+    found = {"ziglang": True}
+    monkeypatch.setattr(web, "find_spec", found.get)
+    assert web.compiler.__wrapped__() == ZIG
+    found.clear()
     with pytest.raises(UsageError, match=r"clang and lld.*gibbs_codegen\[web\]"):
         web.compiler.__wrapped__()

@@ -32,7 +32,7 @@ from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.verify import refuse_wrong
 
 # What looks at parameters that are others than the robot file's, for all states or for each.
-OF_PARAMETERS = {"constants of each state", "other parameters"}
+OF_PARAMETERS = {"constants of each state", "Newton–Euler, other parameters"}
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def test_a_sign_of_any_parameter_that_is_zero_is_found() -> None:
 def test_parameters_far_from_their_defaults(copied: Path) -> None:
     load = 'values["gravity"]'
     plant(copied / "numpy_module.py", load, f"max({load}, 5.0)")
-    assert {"other parameters"} <= failing(copied) <= OF_PARAMETERS
+    assert {"Newton–Euler, other parameters"} <= failing(copied) <= OF_PARAMETERS
 
 
 def test_a_parameter_that_is_zero_or_negative_by_itself(copied: Path) -> None:
@@ -113,7 +113,7 @@ def test_angles_of_any_size(form: str, copied: Path) -> None:
         plant(path, f"(k, {form}, ", f"(k, {called}, ", place)
     found = verify(copied, states=3, seed=2, backends=["numpy"])
     against = {c.against for _, c in found.failures}
-    assert "any angles" in against
+    assert "Newton–Euler, any angles" in against
 
 
 @pytest.mark.slow
@@ -170,7 +170,7 @@ def test_what_single_precision_cannot_hold_is_told(light: bool, copied: Path) ->
     found, said = compare_single_precision(str(copied), load(copied), robot, 0)
     assert found == []
     words = "out of the range" if light else "rounding hides the inertia"
-    assert words in said["single precision"]
+    assert words in said["Newton–Euler, single precision"]
 
 
 def with_feelers(mass: float, links: int = 2, rotors: int = 4, chained: bool = False) -> Robot:
