@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import base64
 import csv
+import html
 import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+from markdown_it import MarkdownIt
 from matplotlib.figure import Figure
 
 from gibbs_codegen.equations.pages import as_markdown
@@ -37,6 +42,7 @@ from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
 
 ROBOT, SCENARIO = "hexarotor_3link", "paper"
+SETS_FORMULAS = find_spec("latex2mathml") is not None
 _STEP = 1e-6  # Of central differences, rad and m.
 
 
@@ -65,9 +71,10 @@ def write_paper(
     progress: Callable[[str], None] = lambda step: None,
     linked: bool = False,
 ) -> list[Residual]:
-    """Write the page `index.md`, its figures and `residuals.csv` to a new folder.
+    """Write the pages `index.md` and `index.html`, figures and `residuals.csv` to a new folder.
 
-    `linked` keeps links to notebooks and other pages, and has figures in paper/, as on the site.
+    The second needs nothing else. `linked` keeps links to notebooks and other pages, and has
+    figures in paper/, as on the site, without `index.html`.
     Raises `UsageError` if the folder is there already, and `OutputError` if it cannot be written;
     nothing is left then.
     """
@@ -92,13 +99,42 @@ def write_paper(
         save_figures(((name, draw()) for name, draw in figures.items()), new)
         given = context(robot, flight, errors, found) | {"folder": "paper/" if linked else ""}
         page = render("paper.md.jinja", given)
+        page = f"# The paper, reproduced\n\n{page}"
         if not linked:
             page = re.sub(r"(?<!!)\[([^]]+)\]\([^)]+\)", r"\1", page)
-        (new / "index.md").write_text(f"# The paper, reproduced\n\n{page}", encoding="utf-8")
+            (new / "index.html").write_text(as_html(page, new), encoding="utf-8")
+        (new / "index.md").write_text(page, encoding="utf-8")
         with (new / "residuals.csv").open("w", encoding="utf-8", newline="") as file:
             rows = [(r.what, r.unit, r.error, r.size, r.digits) for r in found]
             csv.writer(file).writerows([("what", "unit", "error", "size", "digits"), *rows])
     return found
+
+
+def as_html(page: str, folder: Path) -> str:
+    """A page in Markdown as one file, with its pictures, of a folder, and its formulas.
+
+    These are MathML or, without the extra paper, as LaTeX writes them.
+    """
+    formulas: list[str] = []
+
+    def kept(match: re.Match[str]) -> str:
+        formulas.append(f"<code>{html.escape(match[2])}</code>")
+        if SETS_FORMULAS:
+            from latex2mathml.converter import convert
+
+            display = "block" if match[1] == "$$" else "inline"
+            formulas[-1] = convert(match[2].replace("{aligned}", "{align*}"), display=display)
+        return f"\ue000{len(formulas) - 1}\ue000"
+
+    def embedded(match: re.Match[str]) -> str:
+        picture = base64.b64encode((folder / match[1]).read_bytes()).decode()
+        return f'src="data:image/png;base64,{picture}"'
+
+    text = re.sub(r"(\$\$?)(.+?)\1", kept, page, flags=re.DOTALL)
+    body = MarkdownIt("commonmark").enable("table").render(text)
+    body = re.sub(r'src="([^"]+)"', embedded, body)
+    body = re.sub("\ue000(\\d+)\ue000", lambda match: formulas[int(match[1])], body)
+    return render("paper.html.jinja", {"body": body})
 
 
 def desired_paths(t: Array) -> tuple[Array, Array]:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import csv
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+from support.browser import visit
 from support.command import run
 
-from gibbs_codegen import load, read_robot, read_scenario, simulate
+from gibbs_codegen import load, paper, read_robot, read_scenario, simulate
 from gibbs_codegen.paper import (
     ROBOT,
     base_arm_angles_off,
@@ -27,7 +29,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("paper")
     told = run("paper", "--out", "new", cwd=place)
     assert (told.returncode, told.stderr.count("\n")) == (0, told.stderr.count("hexarotor_3link:"))
-    assert told.stdout.splitlines()[-1].startswith("written to new: the page, index.md")
+    assert "\nwritten to new: the page, index.html, and index.md;" in told.stdout
     assert told.stdout.count("digits") == 1
     return place / "new"
 
@@ -53,6 +55,34 @@ def test_the_page_has_the_papers_numbers_and_every_figure(folder: Path) -> None:
     assert "{ccccccc|c}" in five
     assert r"-\zeta_{5,4}" in five
     assert "{ccccccccc}" in six
+
+
+@pytest.mark.slow
+def test_a_browser_shows_the_page_without_a_request(folder: Path) -> None:
+    """Where formulas are set: each of them, with rows where it has some."""
+    pytest.importorskip("latex2mathml")
+    page = (folder / "index.html").read_text(encoding="utf-8")
+    text = (folder / "index.md").read_text(encoding="utf-8")
+    assert page.count("<math") == len(re.findall(r"\$\$.+?\$\$|\$.+?\$", text, re.DOTALL))
+    for left in ("$", "\\begin", "&amp;", "\ue000"):
+        assert left not in page
+    with visit((folder / "index.html").as_uri(), 390, 844) as seen:
+        widths = "[...document.images].map((x) => x.naturalWidth)"
+        assert min(seen.page.evaluate(widths)) > 300
+        assert seen.page.evaluate("document.images.length") == 7
+        assert seen.page.evaluate("document.documentElement.scrollWidth") <= 390
+        # Those of both chains, from whose rows letters take heights.
+        tall = seen.page.locator("math[display=block] > mrow > mtable")
+        assert [x.locator("> mtr").count() for x in tall.all()] == [3, 3]
+        assert (seen.foreign, seen.faults) == ([], [])
+
+
+def test_without_the_extra_formulas_stand_as_latex(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(paper, "SETS_FORMULAS", False)
+    page = paper.as_html("| a | b |\n|:--|--:|\n| $x_1 <y_2$ | 2 |", tmp_path)
+    assert re.search(r"<td[^>]*><code>x_1 &lt;y_2</code></td>", page)
 
 
 @pytest.mark.slow

@@ -15,12 +15,15 @@ def run(options: argparse.Namespace) -> int:
     check_output_folder(options.out)
     check_new(options.out)
     with terminal.progress("flying the paper's scenario and drawing its figures") as progress:
-        from gibbs_codegen.paper import write_paper  # It imports SymPy and Matplotlib.
+        from gibbs_codegen.paper import SETS_FORMULAS, write_paper  # SymPy and Matplotlib.
 
         residuals = write_paper(options.out, progress)
     width = max(len(residual.what) for residual in residuals)
     print(f"{'':{width}}  largest error    digits")
     for residual in residuals:
         print(f"{residual.what:{width}}  {residual.text:15}  {residual.digits:4.1f}")
-    print(f"written to {printable(options.out)}: the page, index.md; these numbers, residuals.csv")
+    print(f"written to {printable(options.out)}: the page, index.html, and index.md;", end=" ")
+    print("these numbers, residuals.csv")
+    if not SETS_FORMULAS:
+        print("formulas stand as LaTeX; to set them: pip install 'gibbs_codegen[paper]'")
     return 0

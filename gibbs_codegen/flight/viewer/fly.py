@@ -12,6 +12,7 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from scipy.optimize import least_squares, minimize
 
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.flight.analysis.linear_model import lqr
@@ -187,7 +188,7 @@ def _controls(machine: DrawnMachine, law: str | None, q: Array) -> dict[str, Any
         "most_turn": (lean, lean, _TURN),
         "quaternion": attitude.start,
         "arm": arm,
-        "handles": [*[-1] * bool(layout.own_axes[0]), *tips[:2]],
+        "handles": [*[-1] * bool(layout.own_axes[0]), *tips[: 2 * bool(arm)]],
     }
 
 
@@ -220,13 +221,34 @@ def _gains(machine: DrawnMachine, law: str | None) -> dict[str, Any]:
 
 def _regulator(machine: DrawnMachine) -> dict[str, Any]:
     """Gain (nu, 2 nv) about hover, and the coordinates there. Raises `UsageError` without one."""
-    hover = trim(machine.module)
+    hover = trim(machine.module, q=_hanging(machine))
     usual, (least, most) = np.abs(hover.u), machine.input_limits
     sizes = np.where(np.isfinite(most), most, np.maximum(usual, 0.1 * usual.max()) + 1e-3)
     sizes[most <= least] = _NONE
     weights = np.repeat([10.0, 1.0], machine.vehicle.layout.v.size)
     gain = lqr(machine.module, hover, Q=weights, R=sizes**-2, dt=_PERIOD).gain
     return {"start": hover.q, "gain": gain}
+
+
+def _hanging(machine: DrawnMachine) -> Array:
+    """Level, with joints at zero, but where nothing drives them as they hang."""
+    vehicle, layout = machine.vehicle, machine.vehicle.layout
+    efforts = machine.input_limits[:, vehicle.rotors : vehicle.rotors + vehicle.joints]
+    idle = np.flatnonzero(~efforts.any(axis=0))
+    places, rates = (np.array(x.joint_places, int)[idle] for x in (layout.q, layout.v))
+    q = vehicle.neutral
+    if not idle.size:
+        return q
+
+    def moved(joints: Array) -> Array:
+        q[places] = joints
+        return q
+
+    def slope(joints: Array) -> Array:
+        return -vehicle.gravity_forces(moved(joints))[rates]
+
+    lowest = minimize(lambda x: vehicle.potential_energy(moved(x)), q[places], jac=slope)
+    return moved(least_squares(slope, lowest.x, xtol=1e-15, ftol=1e-15, gtol=1e-15).x)
 
 
 def _masses(machine: DrawnMachine, q: Array) -> list[tuple[str, list[int], float]]:

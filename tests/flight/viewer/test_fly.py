@@ -17,6 +17,7 @@ from support.tools import missing
 from gibbs_codegen import load
 from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.files.shipped import text_of
 from gibbs_codegen.flight.viewer.fly import fly_html
 from gibbs_codegen.runtime import web
 
@@ -130,6 +131,60 @@ def test_what_no_law_leads_flies_by_the_regulator(written: Path) -> None:
         seen.page.wait_for_function("globalThis.flight")
         seen.page.evaluate("flight.target[flight.R.position[2][1]] += 0.3")
         assert away(seen.page)[0] < 1e-3
+        assert quiet(seen)
+
+
+def test_what_nothing_drives_hangs_at_the_start(written: Path) -> None:
+    text = text_of(ROBOT, "robots", UsageError)[0]
+    for line, after in (("effort     = 4", "effort = 0"), ("effort     = 3", "effort = 0")):
+        assert line in text
+        text = text.replace(line, after)
+    text = text.replace("com        = [0, 0, -0.09]", "com = [0.09, 0, 0]")
+    robot, place = written.with_name("slung.toml"), written.with_name("slung.html")
+    robot.write_text(text, encoding="utf-8")
+    fly_html(robot).save(place)
+    with visit(place.as_uri()) as seen:
+        seen.page.wait_for_function("globalThis.flight")
+        first, second = seen.page.evaluate("flight.R.start.slice(-2)")
+        # The first one's mass is beside it; the other hangs straight down.
+        assert math.isclose(first, -math.atan2(0.22 * 0.09, 0.16 * 0.18), rel_tol=1e-9)
+        assert math.isclose(second, -first, rel_tol=1e-9)
+        assert max(away(seen.page)) < 1e-6
+        assert quiet(seen)
+
+
+def test_what_is_paused_or_out_of_sight_is_not_drawn_again(written: Path) -> None:
+    outer = written.with_name("outer.html")
+    outer.write_text(
+        fly_html(ROBOT)._repr_html_() + '<div style="height: 9000px"></div>', encoding="utf-8"
+    )
+    with visit(outer.as_uri()) as seen:
+        page = seen.page.frames[1]
+        page.wait_for_function("globalThis.flight")
+
+        def comes(still: bool) -> None:
+            """Wait until frames within a time are none, or some."""
+            page.wait_for_function(
+                """async (still) => {
+                  const drawn = () => flight.stats().frames, before = drawn();
+                  await new Promise((done) => setTimeout(done, 300));
+                  return still === (drawn() === before);
+                }""",
+                arg=still,
+                timeout=6e4,
+            )
+
+        comes(still=False)
+        seen.page.mouse.wheel(0, 5000)
+        comes(still=True)
+        seen.page.mouse.wheel(0, -5000)
+        comes(still=False)
+        page.locator("#pause").click()
+        comes(still=True)
+        drawn = page.evaluate("flight.stats().frames")
+        page.locator("#scene").press("+")
+        page.wait_for_function("(drawn) => flight.stats().frames > drawn", arg=drawn, timeout=6e4)
+        comes(still=True)
         assert quiet(seen)
 
 
