@@ -79,7 +79,7 @@ def fly_html(robot: ModuleType | str | os.PathLike[str]) -> ViewPage:
                 "title": title,
                 "law": f"{words[0].upper()}{words[1:]}, 1000 times a second.",
                 "script": script.replace("export async", "async"),
-                "robot": json.dumps(described, separators=(",", ":"), default=_plain),
+                "robot": json.dumps(described, separators=(",", ":"), default=lambda x: x.tolist()),
                 "wasm": base64.b64encode(gzip.compress(assembly, 9, mtime=0)).decode(),
             },
         )
@@ -117,7 +117,7 @@ def _described(machine: DrawnMachine, law: str | None) -> dict[str, Any]:
         "lags": [vehicle.description("TIME_CONSTANTS").get(name, 0.0) for name in inputs],
         "rate": _RATE,
         "drive": layout.has_drive and _drive(layout),
-        "position": [("xyz".index(names[i]), i) for i in _places(layout.q.position, names)],
+        "position": [("xyz".index(names[i]), i) for i in range(len(names))[layout.q.position]],
         **_controls(machine, law, q),
         **_gains(machine, law),
         **held,
@@ -176,7 +176,7 @@ def _controls(machine: DrawnMachine, law: str | None, q: Array) -> dict[str, Any
         ends = max(low, middle - room), min(high, middle + room)
         arm.append((i, place, *ends))
         sliders.append((place, names[place], layout.q.units[place], *ends))
-    attitude = _places(layout.q.attitude, names)
+    attitude = range(len(names))[layout.q.attitude]
     if not leans and not layout.is_quaternion:
         sliders += [(i, names[i], "rad", -lean, lean) for i in attitude]
     levers = vehicle.frame_jacobians(q)[:, :3, layout.v.joints]
@@ -312,12 +312,3 @@ def _discs(
         *((int(k), f, frames[f][:3, :3].T @ d, radius) for k, f, d in rotors),
         *((k, 0, np.eye(3)[1], points[k, 2] - floor) for k in wheels),
     ]
-
-
-def _places(places: slice, whole: tuple[str, ...]) -> range:
-    return range(len(whole))[places]
-
-
-def _plain(value: Any) -> Any:
-    """Arrays and numbers of NumPy, as JSON has them."""
-    return value.tolist()
