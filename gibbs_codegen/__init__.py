@@ -51,6 +51,11 @@ if TYPE_CHECKING:
     from gibbs_codegen.flight.control.predictive import NoPlanError as NoPlanError
     from gibbs_codegen.flight.control.predictive import Predictive as Predictive
     from gibbs_codegen.flight.control.predictive import Tolerances as Tolerances
+    from gibbs_codegen.flight.distributions import log_uniform as log_uniform
+    from gibbs_codegen.flight.distributions import normal as normal
+    from gibbs_codegen.flight.distributions import scaled as scaled
+    from gibbs_codegen.flight.distributions import together as together
+    from gibbs_codegen.flight.distributions import uniform as uniform
     from gibbs_codegen.flight.figures.curves import (
         reachable_wrenches_figure as reachable_wrenches_figure,
     )
@@ -68,11 +73,6 @@ if TYPE_CHECKING:
     from gibbs_codegen.flight.scenario.scenario import Scenario as Scenario
     from gibbs_codegen.flight.simulation import simulate as simulate
     from gibbs_codegen.flight.stepping import Simulation as Simulation
-    from gibbs_codegen.flight.sweeps.cases import log_uniform as log_uniform
-    from gibbs_codegen.flight.sweeps.cases import normal as normal
-    from gibbs_codegen.flight.sweeps.cases import scaled as scaled
-    from gibbs_codegen.flight.sweeps.cases import together as together
-    from gibbs_codegen.flight.sweeps.cases import uniform as uniform
     from gibbs_codegen.flight.sweeps.study import Study as Study
     from gibbs_codegen.flight.sweeps.study import read_study as read_study
     from gibbs_codegen.flight.sweeps.sweep import sweep as sweep
@@ -128,7 +128,7 @@ _MODULES = {
     "flight.scenario.scenario": ("Scenario",),
     "flight.simulation": ("simulate",),
     "flight.stepping": ("Simulation",),
-    "flight.sweeps.cases": ("log_uniform", "normal", "scaled", "together", "uniform"),
+    "flight.distributions": ("log_uniform", "normal", "scaled", "together", "uniform"),
     "flight.sweeps.study": ("Study", "read_study"),
     "flight.sweeps.sweep": ("sweep",),
     "flight.viewer.fly": ("fly_html",),

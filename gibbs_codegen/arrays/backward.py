@@ -93,7 +93,7 @@ def _moving(program: Program, by: set[Node], owners: frozenset[str]) -> set[Node
 
 
 def _owned(x: Node, owners: frozenset[str]) -> list[str]:
-    """Of some names of parameters those on which a node itself depends."""
+    """Those names of parameters on which a node itself depends."""
     match x.operation:
         case nodes.Call(functions):
             there: Collection[str] = (f"{functions.owner}_parameters",)

@@ -102,7 +102,7 @@ class Storage:
 
 
 class CProgram:
-    """The function in C of one program; `owners` are those whose constants it is given.
+    """The function in C of one program.
 
     It is text for one state and for blocks, or if it `is_plain` for one state alone.
     """
@@ -110,19 +110,12 @@ class CProgram:
     # The line before loops whose rounds do not depend on each other.
     before_loops: tuple[str, ...] = ()
 
-    def __init__(
-        self,
-        program: Program,
-        prefix: str = "",
-        owners: Sequence[str] | None = None,
-        *,
-        is_plain: bool = False,
-    ) -> None:
+    def __init__(self, program: Program, prefix: str = "", *, is_plain: bool = False) -> None:
         self.program, self.readers = program, program.readers
         _check_names(program)
         self.name = f"{prefix}{program.name}"
         self.prefix = prefix
-        self.owners = owners_of(program) if owners is None else list(owners)
+        self.owners = owners_of(program)
         self.is_plain = is_plain
         self.has_context = bool(externals_of(program)) and not is_plain
         taken = {*program.names, *program.outputs}

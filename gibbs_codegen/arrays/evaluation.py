@@ -420,7 +420,7 @@ def _array(xp: Any, inputs: Mapping[str, Any], name: str, x: Node) -> Any:
 
 
 class _Casadi(Evaluation):
-    """Matrices of CasADi's MX. Of more axes the last is in columns, the others are in rows."""
+    """Matrices of CasADi's MX: the last axis is in columns, all others are in rows."""
 
     def array(self, x: Node, shapes: list[Shape]) -> Callable[..., Any]:
         return lambda *values: self.value(x, shapes, values)

@@ -63,7 +63,7 @@ ELEMENTARY_SLOPES: dict[str, Callable[..., Sequence[Value]]] = {
 _JACOBIANS = {"centre_of_mass": "centre_of_mass_jacobian"}
 # Functions that tell places, which move with a base that a drive has moved sideways.
 _PLACES = ("frame_poses", "centre_of_mass")
-# Of half an angle, rad: least in what is divided by it.
+# The least half of an angle, rad, that divides.
 _LEAST_ANGLE = 1e-9
 # Functions that derivatives of a call are made of, the better ones first.
 _KINDS: tuple[Kind, ...] = ("jacobian", "jvp")

@@ -15,7 +15,7 @@ from gibbs_codegen.figures import FORMATS
 from gibbs_codegen.files.shipped import shipped_names
 from gibbs_codegen.version import __version__
 
-# Names that may stand before brackets in --vary; the functions of these names in `sweeps.cases`.
+# Names that may stand before brackets in --vary; functions of `flight/distributions.py`.
 DISTRIBUTIONS = ("uniform", "normal", "log_uniform", "scaled", "together")
 
 _PLACES = (
@@ -200,7 +200,7 @@ def _not_negative(text: str) -> float:
     raise argparse.ArgumentTypeError(f"must be 0 or more, not {printable(text, 40)}")
 
 
-# Of each command, in the order of the help, its meaning and what adds its arguments.
+# Commands in the order of the help: the meaning, and what adds arguments.
 _Adds = Callable[[Parser], None]
 _COMMANDS: dict[str, tuple[str, _Adds]] = {}
 

@@ -233,7 +233,7 @@ def reached_limits(flight: Flight) -> str:
     over = np.stack([low - flight.commanded_least, flight.commanded_greatest - high])
     over = np.where(np.isfinite(over), over, -np.inf)
     limits = np.where(np.isfinite(flight.input_limits), np.abs(flight.input_limits), 0.0)
-    scale = limits.max(axis=0)  # Of a joint that nothing drives it is 0.
+    scale = limits.max(axis=0)  # A joint that nothing drives has 0.
     share = over / np.where(scale > 0.0, scale, np.fmax(flight.weight, 1.0))
     least = np.where(low == high, _ROUND_OFF, -_ROUND_OFF)
     reached = np.flatnonzero((share >= least).any(axis=(0, 1)))

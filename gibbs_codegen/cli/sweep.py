@@ -21,8 +21,8 @@ from gibbs_codegen.cli.arguments import DISTRIBUTIONS
 from gibbs_codegen.cli.robot_argument import usual_scenario
 from gibbs_codegen.cli.terminal import plain_table
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.flight import distributions
 from gibbs_codegen.flight.figures.study import write_study_figures
-from gibbs_codegen.flight.sweeps import cases
 from gibbs_codegen.flight.sweeps.study import Study
 from gibbs_codegen.flight.sweeps.sweep import sweep
 
@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
 def varied(text: str, key: str) -> Any:
     """The values of a key by the words of --vary: values with commas, or a function's call.
 
-    Returns a list, or what the function of `gibbs_codegen.flight.sweeps.cases` returns. Raises
+    Returns a list, or what the function of `gibbs_codegen.flight.distributions` returns. Raises
     `UsageError`, which names the key, if the words mean nothing.
     """
     call = re.fullmatch(r"\s*(\w+)\s*\((.*)\)\s*", text, re.DOTALL)
@@ -97,7 +97,7 @@ def varied(text: str, key: str) -> Any:
         raise UsageError(f"{shown}: too many nested brackets")
     arguments = [varied(inner, key)] if "(" in inner else _values(inner)
     try:
-        return getattr(cases, name)(*arguments)
+        return getattr(distributions, name)(*arguments)
     except TypeError:
         raise UsageError(
             f"{shown}: {name} takes two numbers; scaled and together also take another of "

@@ -329,7 +329,7 @@ class _Carried:
 class ArticulatedDerivatives:
     """Columns of a tree: the effect of each wrench, effort or change on all accelerations.
 
-    Of a change of the root's angular velocity ω by ε, the column has what it adds to the
+    Where the root's angular velocity ω changes by ε, the column has what that adds to the
     acceleration of a root which turns at the rate ε besides: dω/dt changes by ω×ε less.
     """
 

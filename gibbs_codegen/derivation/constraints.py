@@ -14,7 +14,7 @@ and what thrusts and velocities do to a row is the same with their shares. So ne
 inverse is needed, nor the accelerations of the robot without constraints: once λ is known, their
 loads are added to the shares, and one pass outwards gives a.
 
-Of a frame that is held against the world, forces count in the axes in which its segment works,
+Forces on a frame that is held against the world count in the axes in which its segment works,
 where unit loads have zeros. At the end they are turned to the axes of the anchor.
 
 The rank of A = J M⁻¹ Jᵀ is what the robot leaves of it: with z and L⁻¹ root of each row as vectors,

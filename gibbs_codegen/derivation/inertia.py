@@ -322,7 +322,7 @@ class VelocityCoupling:
     def rigid(
         cls, tape: Scalars, inertia: Inertia, omega: Vector, velocity: Vector
     ) -> VelocityCoupling:
-        """Of a rigid body about a point; `omega` and `velocity` are twice its ω and the point's."""
+        """A rigid body's about a point; `omega` and `velocity` are twice its ω and the point's."""
         first = inertia.moment
         x, y, z = tape.add(tape.cross(omega, first), tape.scale(inertia.mass, velocity))
         spins = [tape.cross(omega, inertia.row(i)) for i in range(3)]

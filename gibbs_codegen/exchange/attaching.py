@@ -88,8 +88,8 @@ def _read(path: Path, options: ImportOptions) -> tuple[Robot, list[Finding]]:
 def _seat(drone: Robot, root: str, on: str) -> tuple[int, Pose]:
     """The number of the body, and the frame in its own, that a name of a link or frame stands for.
 
-    Of a link and a frame of one name it is the frame, as which imported robots keep frames of links
-    that are not at their joints. `root` is another name of the base.
+    A frame goes before a link of the same name: imported robots keep frames of links that are not
+    at their joints as such. `root` is another name of the base.
     """
     for frame in drone.frames:
         if frame.name == on:

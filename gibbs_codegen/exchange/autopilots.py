@@ -27,7 +27,7 @@ from gibbs_codegen.robot.rotations import Array
 _MOST_ROTORS = 12
 _MOST_TILTS = 4
 _MOST_SET = 6
-# Of PX4, for a rotor of which no thrust is known.
+# PX4's value for a rotor whose thrust is not known.
 _USUAL_CT = 6.5
 _USUAL_OUTPUTS = 8
 _LEVEL = 1e-6
@@ -125,7 +125,7 @@ class _Vehicle:
 
 
 def _square_share(drive: Drive) -> float | None:
-    """Of the output, from 0 to 1 over the commands, the part of the thrust by its square."""
+    """The part of the thrust by the square of the output, which is 0 to 1 over the commands."""
     if drive.command == "thrust" or drive.limits is None:
         return None
     low, high = drive.limits

@@ -25,12 +25,12 @@ from gibbs_codegen.robot.parts.rotor import Rotor
 from gibbs_codegen.robot.placement import arm_pose, base_centre, joint_pose, motor_seat
 
 Format = Literal["urdf", "mjcf", "sdf", "px4", "ardupilot"]
-# Of a file by the robot's name. PX4 knows airframes by numbers, of which those from 22000 are free.
+# Names of files by the robot's. PX4 numbers airframes; users have those from 22000.
 FILES: dict[Format, str] = {
     **{"urdf": "{}.urdf", "mjcf": "{}.xml", "sdf": "{}.sdf"},
     **{"px4": "22000_{}", "ardupilot": "{}.param"},
 }
-# Of what acts on a joint, what a format has no place for.
+# Effects on joints for which formats have no place.
 _NO_PLACE: dict[Format, tuple[str, ...]] = {
     "urdf": ("armature", "stiffness"),
     "mjcf": (),
@@ -107,7 +107,7 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
     return (urdf_text(source) if form == "urdf" else mjcf_text(source)), lines
 
 
-# Of servos, those that controllers of Gazebo do not have.
+# Keys of servos that controllers of Gazebo do not have.
 _NONIDEALITIES = ("rate", "delay", "backlash")
 
 

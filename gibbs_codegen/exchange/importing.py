@@ -139,7 +139,7 @@ def _rubbing_joints(robot: Robot) -> Iterator[Finding]:
             yield Finding("note", link_label(robot, i), words)
 
 
-# Of less a servo's gears make more, kg m².
+# Inertia of a joint, kg m², below which gears of a servo add more.
 _LIGHT = 1e-3
 
 

@@ -27,9 +27,9 @@ from gibbs_codegen.robot.parts.servo import Servo
 from gibbs_codegen.robot.rotations import Array, turn_of_quaternion
 
 _SITE = 4
-# Of equalities: the kind, and that they are between sites rather than bodies.
+# Kinds of equalities, and the mark of those between sites rather than bodies.
 _WELD, _JOINT, _TENDON, _OF_SITES = 1, 2, 3, 6
-# Of what a tendon goes along.
+# Kinds of what a tendon goes along.
 _ALONG_JOINT = 1
 _FILTERS = (2, 3)
 _NO_BIAS = 0

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from gibbs_codegen.exchange.sources import Source, SourceRotor
 
-# Of a rotor whose speed nobody says, rad/s: about that of a propeller of ten inches.
+# Speed of a rotor whose file has none, rad/s: about that of a propeller of ten inches.
 _USUAL_SPEED = 1000.0
-# Of the weight, for the greatest thrusts of all rotors together.
+# The greatest thrusts of all rotors together, in weights.
 _USUAL_THRUST = 2.0
 
 

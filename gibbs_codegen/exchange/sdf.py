@@ -51,9 +51,7 @@ _ALONG = 1.0 - 1e-9
 _DEEPEST = 400
 
 
-def read_sdf(
-    data: bytes, file: str, command: Command = "thrust", friction: bool = False
-) -> sources.Source:
+def read_sdf(data: bytes, file: str, command: Command, friction: bool) -> sources.Source:
     """Read the robot in an SDF file, unchecked as a tree; raises `SourceFileError` with its faults.
 
     Motors of Gazebo are commanded a thrust or, as there, a speed. `friction` is whether the dry

@@ -40,7 +40,7 @@ NOTHING = 1e-13
 _MANY_TURNS = 20.0 * math.pi
 NO_BODY = RigidBody()
 NO_LINK = Link(NO_BODY)
-# Of a joint that nothing drives.
+# A joint that nothing drives.
 IDLE_LINK = Link(NO_BODY, limits=JointLimits(effort=0.0))
 Kind = Literal[
     "base",

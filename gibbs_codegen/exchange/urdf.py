@@ -412,9 +412,7 @@ _KNOWN |= without_part(f"""{OF_MOTORS}
 """)
 
 
-def read_urdf(
-    data: bytes, file: str, command: Command = "thrust", friction: bool = False
-) -> sources.Source:
+def read_urdf(data: bytes, file: str, command: Command, friction: bool) -> sources.Source:
     """Read a robot in URDF, unchecked as a tree; raises `SourceFileError` with every fault.
 
     Motors of Gazebo are commanded a thrust or, as there, a speed. `friction` is whether the dry

@@ -32,17 +32,15 @@ _GROUND = 0.14
 _CENTRED: dict[str, Any] = {"horizontalalignment": "center", "verticalalignment": "center"}
 
 
-def draw_name(
-    axes: Axes, text: str, place: Array, colour: str = DARK, offset: Any = (0.0, 0.0)
-) -> Annotation:
+def draw_name(axes: Axes, text: str, place: Array, colour: str = DARK) -> Annotation:
     """Write a name, or a symbol in Matplotlib's mathematics, with its middle at a place (2).
 
-    The place is in data units, and `offset` (2), how far the name is from it, in points.
+    The place is in data units.
     """
     return axes.annotate(
         text,
         xy=_point(place),
-        xytext=_point(offset),
+        xytext=(0.0, 0.0),
         textcoords="offset points",
         color=colour,
         fontsize=_FONT_SIZE,

@@ -64,7 +64,7 @@ class ScenarioLoops:
     def loop(self, states: int | Sequence[int] | None = None) -> ClosedLoop:
         """The closed loop of one state, or of several, with an axis of these.
 
-        Of all states if None, with an axis where they differ.
+        None is for all states, with an axis where they differ.
         """
 
         def of(values: Array) -> Any:

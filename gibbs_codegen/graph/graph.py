@@ -65,7 +65,7 @@ def _sum(terms: Iterable[tuple[int, sp.Expr]]) -> sp.Expr:
 class Graph:
     """Nodes by number; operands have smaller numbers than their results.
 
-    Of node i, `kinds[i]` is what it is, `operands[i]` has the references that it is made of,
+    Node i is a `kinds[i]`, `operands[i]` has the references that it is made of,
     `labels[i]` the name of an input, the value of a number or the function of a call, and
     `constant[i]` says whether parameters and numbers alone determine it, `varying[i]` has the nodes
     among its operands that are not constant. A sum has two terms or more, the oldest first and

@@ -1,6 +1,6 @@
 """The rows of the table that are generated on request only: derivatives, parameters, time steps.
 
-Of a derivative, `derivative_of` names the function and `kind` says in which form it is given. It is
+`derivative_of` names the function of a derivative, and `kind` is its form. It is
 that of a displacement in the tangent space: `_dq` belongs to the function that takes a displacement
 d to f(integrate(q, d)), at d = 0. It has a column for each of VELOCITIES.
 

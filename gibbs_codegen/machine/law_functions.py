@@ -222,7 +222,7 @@ def _law(robot: Functions, law: str, tip: int, moves: bool) -> Program:
 
 
 def _pushing(robot: Functions, inputs: Node) -> Node:
-    """Of inputs (nu) those that move the base."""
+    """The inputs (nu) that move the base."""
     thrusts, wheels = inputs[: robot.rotors], robot.layout.q.wheels
     return join(thrusts, inputs[robot.inputs - wheels :]) if wheels else thrusts
 

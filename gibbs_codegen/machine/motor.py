@@ -75,7 +75,7 @@ class Motor:
         root = positive_root(radicand)
         if self.drive.curve[1] <= 0.0:
             return (root - k1) / (2.0 * k2)
-        # Of two forms of the root that which does not cancel.
+        # The form of the root that does not cancel.
         over = choose(0.0, radicand, -k1, 2.0 * rest)
         return over / choose(0.0, radicand, 2.0 * k2, k1 + root)
 

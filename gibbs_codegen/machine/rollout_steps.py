@@ -197,9 +197,7 @@ def rollout_step(
     return Program(name, (time, h, x, *nodes.values()), outputs)
 
 
-def decision_program(
-    robot: Functions, method: str, parts: Parts, steps: int, name: str = "decision"
-) -> Program:
+def decision_program(robot: Functions, method: str, parts: Parts, steps: int) -> Program:
     """So many steps of h under one action or input, one after the other, as one program.
 
     Its inputs are those of a step: `time`, `h`, `x`, and what `rollout_inputs` has. Coordinates,
@@ -218,9 +216,8 @@ def decision_program(
         diverged = choose(ended, 0.0, diverged, 1.0 - goes)
         ended = choose(goes, 0.0, outputs["ended"], maximum(ended, diverged))
         x = choose(goes, 0.0, after, x)
-    return Program(
-        name, step.inputs, {**outputs, "x_next": x, "ended": ended, "diverged": diverged}
-    )
+    results = {**outputs, "x_next": x, "ended": ended, "diverged": diverged}
+    return Program("decision", step.inputs, results)
 
 
 def contact_program(robot: Functions, parts: Parts) -> Program:

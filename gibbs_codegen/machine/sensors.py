@@ -36,7 +36,7 @@ class Channel(NamedTuple):
 
     @property
     def variances(self) -> np.ndarray:
-        """Of each entry the variance of noise and of rounding."""
+        """The variance of noise and of rounding of each entry."""
         rounding = self.resolution**2 / 12.0
         return np.broadcast_to(np.square(self.noise) + rounding, len(self.names))
 

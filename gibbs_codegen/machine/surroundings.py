@@ -38,7 +38,7 @@ _LEAST_TIP_SPEED = 1e-6
 def wind_velocity(time: Node, steady: Node, gusts: Node) -> Node:
     """Velocity (3) of the wind, m/s, with gusts (g, 5) that rise and fall as 1 - cos.
 
-    Of each: begin and duration, s, and half of the greatest velocity (3).
+    Each has begin and duration, s, and half of the greatest velocity (3).
     """
     velocity = steady
     for k in range(gusts.shape[0]):

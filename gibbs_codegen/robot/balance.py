@@ -344,7 +344,7 @@ def holding_efforts(robot: Robot, thrusts: Sequence[float]) -> list[float]:
     return list(map(float, posture.rounded(np.array([*efforts.values()]), size)))
 
 
-# Of the arms' length. Nobody puts a battery more exactly; a misplaced arm is off by more.
+# A share of the arms' length. Nobody puts a battery more exactly; a misplaced arm is off by more.
 _LOPSIDED = 0.01
 # The least and the largest thrust stand for more rotors.
 _MOST_LISTED = 12
@@ -499,16 +499,16 @@ _WATER = 1000.0
 _FILM = 0.004
 # Radius of gyration of a body, of the extent of the whole robot.
 _LARGEST_GYRATION = 3.0
-# Of propellers it is about 0.01 to 0.03 m.
+# Propellers have about 0.01 to 0.03 m.
 LARGEST_DRAG = 0.1
 # What nobody means who gives throttles.
 _MOST_THROTTLE = 2.0
-# Of the smallest propellers, rad/s; power that racers need for a newton is half as much, W/N; no
+# Speed of small propellers, rad/s; power that racers need for a newton is half as much, W/N; no
 # tip outruns its sound, m/s.
 _FASTEST, _THIRSTIEST, _SPEED_OF_SOUND = 6000.0, 75.0, 340.0
-# Of thrusts: the slowest that carry robots, those of turbines, take a second, s.
+# Lag of thrusts, s: the slowest that carry robots, those of turbines, take a second.
 _SLOWEST = 3.0
-# Of a battery by the mass of the whole robot, W h/kg: the best cells alone have half as much.
+# Energy of a battery by the mass of the whole robot, W h/kg: the best cells alone have half.
 _FULLEST = 600.0
 
 
@@ -557,7 +557,7 @@ def implausible(robot: Robot) -> tuple[str, ...]:
                 f"a limit of {link_label(robot, i)} is {far[0]:.4g} rad, more than a turn; "
                 "limits are in rad, limits_deg in degrees"
             )
-    turning = [bool(layout_of(robot).own_axes[1])]  # Of what never turns the inertia plays no part.
+    turning = [bool(layout_of(robot).own_axes[1])]  # Inertia plays no part where nothing turns.
     for i, (link, parent) in enumerate(zip(robot.links, robot.parents, strict=True), start=1):
         turning.append(turning[parent] or (link.moves and link.joint == "revolute"))
         if link.motor and turning[parent]:

@@ -114,7 +114,7 @@ class Places:
         return base, [*values[self.joints]]
 
     def kept(self, base: Sequence[Entry]) -> list[Entry]:
-        """Of values of the base, attitude first, those that are not missing."""
+        """Those values of the base, attitude first, that are not missing."""
         return [value for place, value in enumerate(base) if place not in self.missing]
 
     def joined(self, base: Sequence[Entry], joints: Sequence[Entry]) -> list[Entry]:
@@ -314,7 +314,7 @@ class Layout:
         return [*range(first), *range(after, after + self.v.size - first)]
 
 
-# Of a planar base, the place of its displacement along its y axis.
+# The place of a planar base's displacement along its y axis.
 _SIDEWAYS = 1
 _ANGLES = ("theta_m1 rad", "theta_0 rad", "theta_1 rad", "x m", "y m", "z m")
 _POSE = ("qx 1", "qy 1", "qz 1", "qw 1", "x m", "y m", "z m")

@@ -190,7 +190,7 @@ def closed_loops(robot: Robot) -> dict[Constraint, list[int]]:
     Those are joints that nothing drives.
     """
     on = {frame.name: frame.on for frame in frames_of(robot)}
-    ways: list[set[int]] = [set()]  # Of each body the links that carry it, and itself.
+    ways: list[set[int]] = [set()]  # The links that carry each body, and itself.
     for i, parent in enumerate(robot.parents, start=1):
         ways.append({i, *ways[parent]})
     loops = {

@@ -55,7 +55,7 @@ def turn_of_rpy(rpy_deg: Angles3) -> Array:
     return z @ y @ x
 
 
-# Of products of rotations: a few units in the last place, in degrees and in entries of a matrix.
+# Rounding of rotations: a few units in the last place, in degrees and in entries of a matrix.
 _ROUNDING_DEG = Fraction(1, 10**12)
 _ROUNDING = 1e-15
 

@@ -49,7 +49,7 @@ class LoadedModule(ModuleType):
 def gravity_of(module: Any, layout: Any, constants: Any) -> Any:
     """The acceleration of gravity along z (…), m/s², world axes; negative where things fall.
 
-    Of a base that does not rise it is that by default, which its functions do not tell.
+    It is that by default for a base that does not rise, whose functions do not have it.
     """
     import numpy as np  # Late, since it takes long to import.
 

@@ -77,7 +77,7 @@ class Entry(NamedTuple):
 
 # What begins a line, which defines what it names.
 _DEFINITION = re.compile(r"(?:#define |static INLINE \w+ |IN_LANES\()(\w+)")
-# Of the functions for users of C: what each returns, is given and does.
+# Functions for users of C: results, arguments, and what each does.
 _FUNCTIONS = {
     "size": ("size_t", "void", "Bytes of a controller."),
     "init": ("void", "{self}", "Fill in all settings, and reset. Once, before anything else."),

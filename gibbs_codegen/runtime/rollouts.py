@@ -170,7 +170,7 @@ class Problem:
         return [self.q, self.v, *([xp.concatenate(after, axis=-1)] if after else [])]
 
     def after(self, rest: Array | None) -> tuple[Array | None, Array | None]:
-        """Of what follows q and v in states (…, k) that of motors or actuators, and bristles."""
+        """The parts of states (…, k) after q and v: that of motors or actuators, and bristles."""
         count = self.strains
         if rest is None or not count:
             return rest, None

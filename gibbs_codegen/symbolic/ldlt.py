@@ -190,7 +190,7 @@ class PseudoInverse:
     def __init__(
         self, tape: Scalars, vectors: Rows, weights: Values, sizes: Values, rounding: sp.Expr
     ) -> None:
-        """Of vectors by rows; `sizes` are the diagonal of the matrix."""
+        """It takes vectors by rows; `sizes` are the diagonal of the matrix."""
         self._tape, size, one, zero = tape, len(vectors), sp.S.One, sp.S.Zero
         noise, share = tape.let(_LOST * rounding), tape.let(_SHARE * rounding)
         whole = tape.let(tape.let(noise * noise) * tape.let(sp.Add(*sizes)) + _NOTHING)

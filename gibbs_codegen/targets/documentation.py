@@ -11,7 +11,7 @@ from gibbs_codegen.program.nodes import Function
 from gibbs_codegen.robot.description import Coordinate, Description
 from gibbs_codegen.targets.printers import Context, InfixPrinter
 
-# Of a docstring's lines, which are indented by four, and of a C comment's, which begin with " * ".
+# Widths of a docstring's lines, indented by four, and of a C comment's, which begin with " * ".
 _DOCSTRING_WIDTH, _DOXYGEN_WIDTH = 96, 97
 HANGING = "    "
 # Arguments whose entries the header lists before its functions.

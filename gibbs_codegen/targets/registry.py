@@ -32,7 +32,7 @@ from gibbs_codegen.targets.numpy import target as numpy_target
 from gibbs_codegen.targets.printers import Context, CPrinter, InfixPrinter, Lines
 from gibbs_codegen.version import HEADER_START, __version__
 
-# Of a line with the signs of a comment.
+# Width of a line with the signs of a comment.
 _WIDTH = 90
 # By template, and by what stands for {part} in the file's name.
 Contexts = Mapping[str, Mapping[str, Context]]

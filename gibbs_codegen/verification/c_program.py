@@ -326,7 +326,7 @@ def _problems(
 ) -> Iterator[rollouts.Problem]:
     """By each method nothing but inputs, some of what a rollout may have, and all of it.
 
-    Of a robot whose file describes actuators inputs are the commands for them.
+    Inputs of a robot whose file describes actuators are the commands for them.
     """
     rng, rotors = np.random.default_rng(0), len(tree.motors)
     by_step = rng.uniform(0.5, 1.5, (_STATES, _STEPS, 1))

@@ -96,7 +96,7 @@ def has_effect(
 ) -> bool:
     """True if a result depends on parameters; a module may leave out a parameter without effect.
 
-    Of a module that has some `functions` only, what these return.
+    Where a module has some `functions` only, those of these.
     """
     states = States.random(Tree(robot), 1, 0)
     values = parameter_values(robot)

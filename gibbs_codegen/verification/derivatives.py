@@ -206,7 +206,7 @@ class _Function:
 class _Array(_Function):
     """A displacement or a matrix, whose derivatives are all measured by the largest of them.
 
-    `rows` are the units of the entries (…, 1). Of a matrix `w` are the weights.
+    `rows` are the units of the entries (…, 1). `w` are the weights of a matrix.
     """
 
     def __init__(self, point: _Point, name: str) -> None:
@@ -660,7 +660,7 @@ def _regressor_rows(point: _Point, values: Values) -> Iterator[DerivativeRow]:
     forces, efforts = [], []
     reach, mass = point.tree.reach, point.tree.mass
 
-    def other_body(body: Body) -> Body:  # Of the robot's size; it may be impossible.
+    def other_body(body: Body) -> Body:  # As large as the robot's; it may be impossible.
         com, inertia = reach * rng.normal(size=3), mass * reach**2 * rng.normal(size=6)
         return RigidBody(body.length, mass * rng.uniform(0.5, 1.0), (*com,), (*inertia,))
 

@@ -44,7 +44,7 @@ class Invariants:
     """A module's functions, compared with each other by their results `values` at some states.
 
     `steps` differentiates them as its NumPy back end has them.
-    Of the tree only the layout, the places of free and constrained joints, and the damping count.
+    Only the layout, the places of free and constrained joints, and the damping of the tree count.
     """
 
     evaluation: Results

@@ -43,7 +43,7 @@ class Lagrange:
                 continue
             second_moments = 0.5 * np.trace(joint.inertia) * np.eye(3) - joint.inertia
             moments, axes = np.linalg.eigh(second_moments)
-            reach = 1.0  # Of a rotor, of which only the inertia is known.
+            reach = 1.0  # A rotor has nothing but its inertia.
             if joint.mass > 0.0:
                 reach = np.sqrt(max(abs(moments).max(), 1e-30) / joint.mass)
             shares = moments / (2 * reach**2)

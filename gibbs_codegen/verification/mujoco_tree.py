@@ -122,7 +122,7 @@ def _body_text(tree: Tree, children: dict[int, list[int]], number: int, more: fl
     group = []
     while True:
         joint = tree.joints[number]
-        # Of rotors of motors only the inertia is known.
+        # Rotors of motors have nothing but their inertia.
         mass = joint.mass or more * tree.mass * bool(joint.inertia.any())
         turn, step = turn @ joint.rotation, step + turn @ joint.offset
         group.append((number, turn, step))

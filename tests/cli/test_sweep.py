@@ -19,8 +19,8 @@ from support.tools import HANGING
 
 from gibbs_codegen.cli.sweep import print_study, varied
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.distributions import log_uniform, normal, scaled, together, uniform
 from gibbs_codegen.flight.record.flight import read_flight
-from gibbs_codegen.flight.sweeps.cases import log_uniform, normal, scaled, together, uniform
 from gibbs_codegen.flight.sweeps.chunks import FILE
 from gibbs_codegen.flight.sweeps.study import read_study
 

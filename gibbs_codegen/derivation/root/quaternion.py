@@ -250,7 +250,7 @@ class QuaternionRoot:
         With θ = |turn|, the attitude is turned by the quaternion of half that angle, and the step
         is ν + (1 − cos θ)/θ²·turn×ν + (θ − sin θ)/θ³·turn×(turn×ν). A quaternion that is not of
         unit length is normalised; where the square of its length is zero or overflows, the pose is
-        not finite. Of q and −q the result is the one on the side of the quaternion that it starts
+        not finite. The result, q or −q, is the one on the side of the quaternion that it starts
         from.
         """
         let, q, position = tape.let, coordinates[:4], tuple(coordinates[4:])

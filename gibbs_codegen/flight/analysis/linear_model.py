@@ -10,7 +10,7 @@ actuators are part of a deviation, after the others; or the thrusts of motors th
 that of the machine that flies, differentiated. Frames that are in a wall with friction stick to it
 by bristles, which have no load there, and whose displacements come last.
 
-Of such a model `lqr` finds the linear regulator of least quadratic cost about a state.
+`lqr` finds the linear regulator of least quadratic cost for such a model.
 """
 
 from __future__ import annotations

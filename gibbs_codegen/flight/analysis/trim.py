@@ -3,8 +3,8 @@
 Joints balance themselves, since each has an input, or loops bear what those need that nothing
 drives. The base is balanced where the wrench that it
 needs has no part that thrusts cannot produce, which is a condition on the attitude, and on the
-joints of robots whose rotors they move. Of all inputs that balance, the least or the safest are
-chosen.
+joints of robots whose rotors they move. The least or the safest inputs
+that balance are chosen.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from gibbs_codegen.runtime.loaded_module import require_functions
 EXACT = 1e-9
 # Share of the wrench below which coordinates are left as they are, and SciPy's tolerances.
 _BALANCED, _CONVERGED = 1e-12, 1e-15
-# Of displacements beside what is missing; its square is what it leaves missing. The second still
+# Weights of displacements beside what is missing; their squares remain missing. The second still
 # holds what makes no difference, where rounding would lead anywhere.
 _PULLS = 1e-3, 1e-7
 Aim = Literal["least_thrust", "widest_margin"]
@@ -129,7 +129,7 @@ def equilibrium(motion: SteadyMotion, q: Array, free: list[int], bounds: Array) 
         return np.append(motion.missing(moved(displacement)) / size, pull * displacement)
 
     displacement = np.zeros(len(free))
-    # Of all that balances, such as every heading, the nearest: the pull leads there, and a weaker
+    # The nearest state that balances, as every heading may: the pull leads there, and a weaker
     # one takes away its traces. Differences serve: derivatives of a module lack those of B u and of
     # the wrenches' forces, and what is missing is in the end computed exactly.
     for pull in _PULLS:
@@ -170,7 +170,7 @@ class Balancing:
 def chosen_inputs(vehicle: Vehicle, inputs: Balancing, limits: Array, aim: Aim) -> Array:
     """Inputs (nu) of least thrust, or whose thrust next to a limit is farthest from it.
 
-    Of inputs with the same margin they are those of least thrust. `limits` (2, nu) may be infinite.
+    Least thrust decides between equal margins. `limits` (2, nu) may be infinite.
     Raises `UsageError` if no inputs within them balance, or no thrust has a limit on either side.
     """
     if (aim == "least_thrust" or not vehicle.rotors) and _within(inputs.least, limits):

@@ -287,7 +287,7 @@ def _check_levers(
 ) -> None:
     """Raise `UsageError` where no joint moves a frame along its push when that begins.
 
-    Of a base that leans the joints alone move the frame relative to the centre of mass. Where they
+    Where a base leans, the joints alone move the frame relative to the centre of mass. Where they
     cannot, springs that were asked for are not there: warn.
     """
     frame, force = moved.impedance.frame, moved.force

@@ -50,7 +50,7 @@ from gibbs_codegen.machine.laws import LAWS, memory_size
 _NOTHING: Array = np.zeros(6)
 # Errors, rad or m, of which accelerations are those that scale gains of adaptation.
 _OFF = 0.1
-# Of regressors over roots of inertias: rounding, and the share of what is learnt faster.
+# Regressors over roots of inertias: rounding, and the share of what is learnt faster.
 _NONE, _LITTLE = 1e-6, 0.1
 
 

@@ -77,7 +77,7 @@ class ZeroOrderHold:
         self.reference: Reference = law.reference
         self.allocation: Allocation = law.allocation
         self.gains: Gains = law.gains
-        # Of errors, by which control counts as lost.
+        # Bounds of errors beyond which control counts as lost.
         self.values: dict[str, Any] = {"back": np.array(law.gains.back)}
         self.law: str = name
         self.delay, self.rate = delay, rate
@@ -359,7 +359,7 @@ class LawController:
     def __call__(self, observation: Observation) -> Array:
         """Inputs u (nu) for an observation; what is remembered grows as in the period after it.
 
-        Of a robot with motors and servos they are commands for these.
+        A robot with motors and servos gets commands for these.
         """
         law, seen = self.law, (observation.time, observation.q, observation.v)
         felt = np.zeros(6) if law.moved is None else observation.wrenches[law.moved.place]

@@ -164,7 +164,7 @@ def binding(vehicle: Vehicle, demand: Demand, limits: TimingLimits) -> tuple[Bin
     names, thrusts = vehicle.inputs, vehicle.inputs[: vehicle.rotors]
     with np.errstate(invalid="ignore"):
         span = most - least
-        # Of one limit alone, its distance from what standing still takes.
+        # A limit alone counts from what standing still takes.
         alone = np.abs(np.where(np.isfinite(least), least, most) - demand.still.mean(axis=0))
         margin = _REACHED * np.where(np.isfinite(span), span, alone)
         reached = (

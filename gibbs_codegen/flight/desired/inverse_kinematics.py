@@ -133,8 +133,8 @@ def first_posture(
 ) -> tuple[Array, float]:
     """Coordinates (nq) that bring the tip to a point, without any to go on from, and how near, m.
 
-    Of the postures found the one whose Jacobian is farthest from singular is taken, and of equals
-    the one with the joints nearest to 0. `guess` (n) are joints to begin with; None tries many.
+    It takes the posture whose Jacobian is farthest from singular, and among equals the one with the
+    joints nearest to 0. `guess` (n) are joints to begin with; None tries many.
     """
     if guess is not None:
         q = q.copy()
@@ -160,7 +160,7 @@ def first_posture(
     best = [p for p, m in zip(reached, measures, strict=True) if m >= 0.999 * max(measures)]
 
     def distance_from_zero(posture: tuple[Array, float]) -> tuple[float, ...]:
-        # Of mirror images the one with positive joints comes first; rounding chooses nothing.
+        # The mirror image with positive joints comes first; rounding chooses nothing.
         joints = posture[0][vehicle.arm]
         return (round(float(np.linalg.norm(joints)), 6), *np.round(-joints, 6).tolist())
 
@@ -350,7 +350,7 @@ class _Continuation:
     def __init__(self, vehicle: Vehicle, base: Motion, targets: Array, limits: JointBounds) -> None:
         self.vehicle, self.limits, self.targets, self.time = vehicle, limits, targets, base.time
         self.q, self.v, self.a = base.q.copy(), base.v.copy(), base.a.copy()
-        # Of the joints (s, n).
+        # Those of the joints (s, n).
         self.rates, self.accelerations = (x[:, vehicle.arm_rates] for x in (self.v, self.a))
         self.distances = np.zeros(len(base.time))
         self.at_limit: Flags = np.zeros(vehicle.joints, dtype=bool)

@@ -8,8 +8,8 @@ is that of acceleration and gravity (differential flatness).
 In general collocation finds it. Such a base cannot choose its attitude: its lateral force is zero.
 Where the centre of mass is off the base centre that is a differential equation of the thrust axis,
 which as a rule swings for ever or grows without bounds when it is integrated from the start. So all
-knots are solved for at once. Of the motions without lateral force that one is taken whose base
-centre is nearest to its path and whose thrust axis is smoothest.
+knots are solved for at once. The solution is the motion without lateral force
+whose base centre is nearest to its path and whose thrust axis is smoothest.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ def differences(order: int, count: int, step: float) -> scipy.sparse.csr_array:
     width = min(count, STENCIL + (order > 2))
     wanted = np.zeros(width)
     wanted[order] = np.prod(np.arange(1, order + 1)) / step**order
-    # Of knots at each place of the stencil.
+    # Powers of the distances of knots from each place of the stencil.
     powers = [
         np.vander(np.arange(width) - float(place), increasing=True).T for place in range(width)
     ]
@@ -347,8 +347,8 @@ class UnderactuatedBase:
         """Residuals (s, r), and their derivatives (3, s, r, c), as `Linear` has them.
 
         By Newton's law the force on the robot is its mass times what its centre of mass
-        accelerates, and weight. Of a function y of x and of time, d²y/dt² has by x, dx/dt and
-        d²x/dt² the derivatives d²Y/dt², 2 dY/dt and Y, where Y is dy/dx.
+        accelerates, and weight. Where y depends on x and time, and Y is dy/dx, the derivatives of
+        d²y/dt² by x, dx/dt and d²x/dt² are d²Y/dt², 2 dY/dt and Y.
         """
         axes, shift, numbers = _parts(unknowns)
         tilt = Tilt(self.upright, axes)
@@ -454,7 +454,7 @@ class UnderactuatedBase:
         first = self.at(np.zeros(count, dtype=int), np.arange(count, dtype=float))
         tried, jacobian = first._reached(np.hstack([np.tile(start[0], (count, 1)), numbers]))
         off = np.linalg.norm(np.hstack([tried[:, 3:6], first.misses(tried)[0]]), axis=-1)
-        # Of the nearest postures that which moves the frames most evenly.
+        # The one of the nearest postures that moves the frames most evenly.
         weakest = np.linalg.svd(jacobian[:, :, 6:], compute_uv=False)[:, -1]
         best = tried[np.argmax(np.where(off < off.min() + _SAME, weakest, -1.0)), 6:]
         return self._reached(np.hstack([start, np.tile(best, (len(axis), 1))]))[0]

@@ -128,7 +128,7 @@ class BlockIntegration:
             rows, reason, until = slice(kept[i]), reasons[i], float(ends[i])
             hits = tuple(impacts[i])
             history = StateHistory(times[rows], states[i, rows], reason, ranges, hits)
-            # Of a flight that went on to the end, all samples have been looked at.
+            # A flight that went on to the end has no sample that is not looked at.
             if reason or until > history.time[-1]:
                 history = whole_history(history, until, last[i], envelope)
             histories[i] = history

@@ -36,9 +36,9 @@ from gibbs_codegen.machine.laws import LAWS
 Instant = tuple[float, Array]
 # A rate, rad/s or m/s, next to which dry friction is as it is about rest.
 _AT_REST = 1e-9
-# Of levels, next to what any command makes them at rest.
+# Levels over what any command makes them at rest.
 _FAR = 10.0
-# Of errors that a servo corrects, s: their rates have no bound.
+# The least peak of errors that a servo corrects, s: their rates have no bound.
 _LEAST_PEAK = 1e-12
 # What to try instead of a law, where it is not lower gains.
 _OTHER_CONTROL = {
@@ -346,7 +346,7 @@ def wall_modes(
         damping = wall.damping + np.maximum(wall.dissipation * weight, stopping)
         modes += _oscillation(f"{where}, which feels", wall.stiffness, damping, mass)
         if wall.friction:
-            # Of the lowest point of each ball, which turns about its centre.
+            # The lowest point of each ball, which turns about its centre.
             moved = linear + wall.ball_radius * np.cross(
                 np.swapaxes(normals, 2, 3), angular, axis=2
             )

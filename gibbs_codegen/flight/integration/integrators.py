@@ -156,7 +156,7 @@ class Integration:
         self._grid, self._adaptive = StepGrid(settings), settings.method == "adaptive"
         if not self._adaptive:
             check_stability(loop, self._grid.size, self._grid.cut)
-        # Of absolute tolerances (size).
+        # Scales of absolute tolerances (size).
         self._scale = np.ones(loop.size)
         self._scale[loop.layout.places.work] *= _WORK_SCALE
         follows, reference = loop.hold is None, loop.controller.reference

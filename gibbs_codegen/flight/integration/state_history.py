@@ -39,7 +39,7 @@ class InputRanges(NamedTuple):
     def up_to_samples(self, time: Array, commanded: Array, applied: Array) -> Array:
         """Ranges (2, 2, s, nu) since the sample before, with the values at both samples.
 
-        Of commanded and applied inputs (s, nu), the least and the greatest.
+        They are the least and the greatest of commanded and applied inputs (s, nu).
         """
         here = np.stack([commanded, applied], axis=1)
         before = np.concatenate([here[:1], here[:-1]])

@@ -13,7 +13,7 @@ from gibbs_codegen.flight.vectors import Array, times, transposed
 
 @dataclass(frozen=True)
 class BaseMotion:
-    """Of the frame "base" of a flight, a row per sample.
+    """The motion of the frame "base" of a flight, a row per sample.
 
     `position` (s, 3), m, world axes, and unit `quaternion` (s, 4), x y z w, without jumps;
     `velocity` and `spin` (s, 3), m/s and rad/s, of its origin and angular, in its own axes, and

@@ -220,7 +220,7 @@ class Environment:
         """Figures of what acts at all times, as array programs of a closed loop take them."""
         figures: dict[str, Array] = {}
         if (wind := self.wind) is not None:
-            # Of forces, N s/m, and of torques, N m s/rad; gusts with half of the amplitude, m/s.
+            # Drag by force, N s/m, and torque, N m s/rad; gusts with half of the amplitude, m/s.
             drag = np.zeros((len(self.vehicle.frames), 6))
             for table, entries in ((wind.drag, slice(3)), (wind.rotational_drag, slice(3, 6))):
                 for name, coefficient in table.items():

@@ -370,7 +370,7 @@ class Estimator:
         for k in range(steps):
             if felt is not None:
                 start, slope = felt
-                # Of steps that are shorter than between readings, with the same density of noise.
+                # Steps shorter than between readings have the same density of noise.
                 shorter = 1.0 / (self._suite.devices[self._leads or 0].rate * h)
                 variances = np.maximum(self._suite.variances[self._leads or 0], _LEAST**2)
                 inputs = {

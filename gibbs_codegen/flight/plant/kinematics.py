@@ -46,7 +46,7 @@ def unit_quaternions(module: ModuleType, layout: Layout, q: Any, xp: Any = np) -
         return q, xp.ones(q.shape[:-1], bool)
     with np.errstate(invalid="ignore"):
         unit = module.integrate(q, xp.zeros((*q.shape[:-1], layout.v.size)))
-    # Of lengths whose squares are too small, rounding leaves others than 1.
+    # Where squares are too small, rounding leaves lengths other than 1.
     lengths = (unit[..., layout.q.attitude] ** 2).sum(axis=-1)
     return unit, abs(lengths - 1.0) < 1e-6
 

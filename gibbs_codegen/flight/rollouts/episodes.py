@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from numbers import Real
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,17 +17,6 @@ from gibbs_codegen.runtime.rollouts import Array
 Generators = Sequence[np.random.Generator]
 Named = Mapping[str, float]
 Part = tuple[Mapping[str, Any], Named]
-
-
-class Between(NamedTuple):
-    """A distribution of values that are equally likely between two."""
-
-    low: float
-    high: float
-
-    def ppf(self, share: Array) -> Array:
-        """The values that such shares of all are below."""
-        return self.low + (self.high - self.low) * share
 
 
 class EpisodeDistributions:

@@ -16,11 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.errors import UsageError, printable, require
 from gibbs_codegen.flight.arguments import numbers, seconds, whole
+from gibbs_codegen.flight.distributions import Draw, Varied, uniform
 from gibbs_codegen.flight.plant.actuators import kept_commands, module_actuators
 from gibbs_codegen.flight.plant.vehicle import Flags, Vehicle
 from gibbs_codegen.flight.rollouts.actions import Actions
 from gibbs_codegen.flight.rollouts.arguments import RolloutArguments
-from gibbs_codegen.flight.rollouts.episodes import Between, Episodes
+from gibbs_codegen.flight.rollouts.episodes import Episodes
 from gibbs_codegen.flight.rollouts.rollout import array_rollout, check_settings, warn_of_long_steps
 from gibbs_codegen.flight.rollouts.sensing import SENSED, Sensors
 from gibbs_codegen.flight.rollouts.surroundings import rollout_surroundings
@@ -54,7 +55,7 @@ Observations = NDArray[np.float32]
 Infos = dict[str, Any]
 _GREATEST_SINGLE = float(np.finfo(np.float32).max)
 # Greatest rates of targets that swing, rad/s, and the force of a push, N, if nothing is said.
-_SWINGING, _FORCE = Between(0.3, 1.5), 5.0
+_SWINGING, _FORCE = uniform(0.3, 1.5), 5.0
 # Least values of what episodes draw, by name.
 _LEAST = dict.fromkeys((*SENSED, "time_constant", "strength"), 0.0) | {"force": 1e-3}
 # Between targets whose differences tell rates, s: these err by its square, and by rounding.
@@ -177,7 +178,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             limits = tuple(actuators.inputs) if limits is None else limits
             time_constants = actuators.lag if time_constants is None else time_constants
         self._motors = motors = cast(MotorModel, arguments.motors(limits, time_constants, None))
-        # Of all episodes, and of those that are under way.
+        # Limits of all episodes, and of those that are under way.
         self._limits = self._ends = np.stack([motors.least, motors.most])
         if arguments.count() != 1:
             raise UsageError("hover, time_constants: they are the same for all environments")
@@ -241,7 +242,7 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
                 "targets": (wanted, away | {"force": _FORCE}),
                 "swings": (moving, zero),
                 "swing_rates": (dict.fromkeys(swinging, swing_rates), zero),
-                "phases": (dict.fromkeys(swinging, Between(0.0, 2.0 * math.pi)), zero),
+                "phases": (dict.fromkeys(swinging, uniform(0.0, 2.0 * math.pi)), zero),
                 "disturbances": (disturbances or {}, self._usual()),
                 "sensors": (sensors or {}, dict.fromkeys(SENSED, 0.0)),
             },
@@ -514,7 +515,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, ArrayLike, Any]):
             ends = np.abs(ends).min(axis=0) * [[-1.0], [1.0]]
         turns = range(layout.displaced.size)[layout.displaced.attitude]
         chosen = layout.paired if swings else range(layout.displaced.size)
-        return {self._directions[k]: Between(*ends[:, k]) for k in chosen if k not in turns}
+        draws = {k: Draw("uniform", *ends[:, k]) for k in chosen if k not in turns}
+        return {self._directions[k]: Varied(draw=draw) for k, draw in draws.items()}
 
     def _usual(self) -> dict[str, float]:
         """Values of disturbances if nothing is said."""

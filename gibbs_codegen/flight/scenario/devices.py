@@ -1,6 +1,6 @@
 """Sensors of a robot, as a scenario declares them: where each is, how often it reads, how it errs.
 
-Of noise that is given as a density the standard deviation of a reading is the density times √rate;
+Where noise is a density, the standard deviation of a reading is the density times √rate;
 a bias that walks adds steps from reading to reading, of its density divided by √rate.
 """
 

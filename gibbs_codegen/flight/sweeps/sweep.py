@@ -30,11 +30,12 @@ from gibbs_codegen.errors import GibbsCodegenError, ScenarioFileError, UsageErro
 from gibbs_codegen.files.staging import check_output_folder
 from gibbs_codegen.flight.arguments import whole
 from gibbs_codegen.flight.desired.trajectory import Progress
+from gibbs_codegen.flight.distributions import Varied, varied
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE, functions_for
 from gibbs_codegen.flight.scenario.scenario import Scenario
 from gibbs_codegen.flight.simulation import check_scenario
 from gibbs_codegen.flight.sweeps import measures as known_measures
-from gibbs_codegen.flight.sweeps.cases import NUMBERS, Cases, Varied, cases_of, varied
+from gibbs_codegen.flight.sweeps.cases import NUMBERS, Cases, cases_of
 from gibbs_codegen.flight.sweeps.chunks import (
     FILE,
     ResultFile,

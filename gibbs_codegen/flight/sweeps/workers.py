@@ -38,7 +38,7 @@ class Workers:
             context = multiprocessing.get_context(self._method)
             self._pool = futures.ProcessPoolExecutor(self.count, context, _begin)
         with _without_main(), _uninterrupted(), warnings.catch_warnings():
-            # Of threads that libraries run when a process is copied, which keeps these filters.
+            # Libraries may run threads when a process is copied; the copy keeps these filters.
             warnings.filterwarnings("ignore", _OF_THREADS)
             return self._pool.submit(function, *arguments)
 

@@ -31,7 +31,7 @@ from gibbs_codegen.version import __version__
 
 # Rounding is part of what `prepare` computes.
 _KIND = "STEPWISE real"
-# Of more derivatives that are left out nobody reads the names.
+# Nobody reads the names of more derivatives that are left out.
 _NAMED = 8
 
 

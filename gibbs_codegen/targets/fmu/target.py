@@ -124,7 +124,7 @@ def archives(model: Model, header: Lines, acting: tuple[str, ...] = ()) -> dict[
     }
     variables = variables_of(model, system)
     token = _token([*sources.values(), *map(str, variables)])
-    context = {"name": name, "header": header, "token": token, **_numbers(model, variables)}
+    context = {"name": name, "header": header, "token": token, **_numbers(variables)}
     sources[f"{name}_fmu.c"] = render("fmu_source.c.jinja", context)
     context |= {"sources": [file for file in sources if file.endswith(".c")]}
     context |= _described(model, variables)
@@ -191,7 +191,7 @@ def _token(texts: Iterable[str]) -> str:
     return f"{{{uuid.UUID(bytes=digest[:16])}}}"
 
 
-def _numbers(model: Model, variables: Sequence[Variable]) -> Context:
+def _numbers(variables: Sequence[Variable]) -> Context:
     """Context of the source: how many values there are, starts, lengths."""
     sizes, start, lengths = Counter[str](), ["0.0"], ["1"]
     places, gravity = {x.name: x.place for x in variables}, "parameters.gravity"

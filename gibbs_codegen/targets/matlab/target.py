@@ -69,7 +69,7 @@ LISTS = {
 # The package's functions that return what other languages have as constants.
 _NAMED = {constant: name for constant, (name, _) in LISTS.items()}
 _NAMED |= {"PARAMETERS": "parameters", "PATTERNS": "patterns"}
-# Of a line, which begins with "%   ".
+# Width of a line, which begins with "%   ".
 _WIDTH = 96
 
 

@@ -7,7 +7,8 @@ import pytest
 import scipy.stats
 
 from gibbs_codegen import UsageError, log_uniform, normal, scaled, together, uniform
-from gibbs_codegen.flight.sweeps.cases import noise_seed, shares, varied
+from gibbs_codegen.flight.distributions import varied
+from gibbs_codegen.flight.sweeps.cases import noise_seed, shares
 
 
 @pytest.mark.parametrize(
