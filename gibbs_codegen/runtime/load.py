@@ -20,6 +20,7 @@ from pathlib import Path
 from types import ModuleType
 
 from gibbs_codegen.errors import UsageError, cause_of, near, printable, require
+from gibbs_codegen.files.module_writer import generated_files, kept_options
 from gibbs_codegen.files.shipped import shipped_names
 from gibbs_codegen.interface import DATA
 from gibbs_codegen.runtime.cache import CacheError, cached_module
@@ -173,13 +174,16 @@ def find_module(path: Path) -> Path:
             if all((folder / name).is_file() for name in ("__init__.py", "numpy_module.py")):
                 _warn_of_changes(folder)
                 return folder.resolve()
-        only_c = [f for f in folders if (f / f"{Path(os.path.realpath(f)).name}.h").is_file()]
+        partial = [f for f in folders if generated_files(f)]
     except OSError as error:
         raise UsageError(f"{printable(path)}: cannot be read: {cause_of(error)}") from None
-    if only_c:
+    if partial:
+        folder, options = partial[0], kept_options(partial[0]).split()
+        options += ["--target", "numpy"] if "--target" in options and "numpy" not in options else []
+        command = " ".join([printable(folder), "--out", printable(folder.parent), *options])
         raise UsageError(
-            f"{printable(only_c[0])}: has the C target only; generate the module with the NumPy "
-            "target too"
+            f"{printable(folder)}: has no files of the target numpy, which loading needs; make "
+            f"them with: gibbs-codegen generate {command}"
         )
     if path.suffix == ".toml":
         raise UsageError(

@@ -95,8 +95,11 @@ def test_generated_copy_of_the_robot_file_makes_the_same_module(tmp_path: Path) 
     folder = tmp_path / "generated" / "rotor3_1link"
     done = run("generate", "robot.toml", "--out", "..", "--check", cwd=folder)
     assert done.returncode == 0, done.stderr
-    done = run("generate", "robot.toml", "--out", "..", cwd=folder)
+    done = run("generate", "robot.toml", "--out", "..", "--target", "cuda", cwd=folder)
     assert done.returncode == 0, done.stderr
+    assert (
+        "removed, since these options do not write it: __init__.py, numpy_module.py" in done.stdout
+    )
 
 
 @pytest.mark.slow
