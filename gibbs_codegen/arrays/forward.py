@@ -67,15 +67,15 @@ def _jacobian(program: Program, by: tuple[str, ...]) -> Program:
 
 def from_derivatives(program: Program) -> Program:
     """The same, with values of a function from the call that gives its derivatives with them."""
-    every = program.nodes
+    order = program.nodes
     names: dict[object, str] = {}
-    for x in every:
+    for x in order:
         if isinstance(x.operation, nodes.Call):
             row = FUNCTIONS[x.operation.name]
             if row.kind == "jacobian" and not row.outputs[0].by:
                 names[x.operation.functions, row.derivative_of, x.arguments] = row.name
     made: dict[Node, Node] = {}
-    for x in every:
+    for x in order:
         operation = x.operation
         if isinstance(operation, nodes.Call):
             name = names.get((operation.functions, operation.name, x.arguments), operation.name)
@@ -123,10 +123,10 @@ def _units(x: Node) -> Node:
     return nodes.reshaped(nodes.constant(np.eye(columns)), (*x.tangent, columns))
 
 
-def _derivatives(every: Iterable[Node], derivatives: dict[Node, Node]) -> dict[Node, Node]:
+def _derivatives(order: Iterable[Node], derivatives: dict[Node, Node]) -> dict[Node, Node]:
     """Derivatives of all nodes that depend on some, from those of these themselves."""
     columns = next(iter(derivatives.values())).shape[-1]
-    for x in every:
+    for x in order:
         inner = {place: derivatives[y] for place, y in enumerate(x.arguments) if y in derivatives}
         if inner and x not in derivatives:
             terms = [term for term in _terms(x, inner) if not nodes.is_all(term, 0.0)]
@@ -142,9 +142,9 @@ def _terms(x: Node, inner: dict[int, Node]) -> list[Node]:
     match x.operation:
         case nodes.Elementary(name):
             slopes = elementary_slopes(name, x)
-            every = nodes.constant(np.ones((*x.shape, columns)))  # Where arguments are repeated.
+            ones = nodes.constant(np.ones((*x.shape, columns)))  # Where arguments are repeated.
             return [
-                _column(_spread(slopes[place], x)) * _aligned(d, x) * every
+                _column(_spread(slopes[place], x)) * _aligned(d, x) * ones
                 for place, d in inner.items()
             ]
         case nodes.Call() as call:

@@ -93,8 +93,8 @@ def model_of(
     regularity.check_conditioning(robot, whole.only(mass_matrix.name), parameters.defaults)
     (mass,) = program.function(total_mass.name).outputs[0].entries
     # What cancels in lowered functions is a parameter too, if there are derivatives by it.
-    every = {*program.parameters, *differentiated}
-    listed = tuple(name for name in names if name in every)
+    known = {*program.parameters, *differentiated}
+    listed = tuple(name for name in names if name in known)
     program = replace(program, functions=program.functions[:-1], parameters=listed)
     regularity.check_range(robot, program, parameters.defaults)
     return Model(

@@ -145,10 +145,10 @@ class SymbolicRobot:
         """
         gears = {i: Gear(of=i, ratio=1.0) for i in self.jointed if i < BASE}
         gears |= self.robot.gearing
-        every = gears.values()
-        ratios = [[_number(gear.ratios.get(i, 0.0)) for i in self.jointed] for gear in every]
+        values = gears.values()
+        ratios = [[_number(gear.ratios.get(i, 0.0)) for i in self.jointed] for gear in values]
         shares = [self._rolled(i) for i in gears]
-        return ratios, shares, [_number(gear.offset) for gear in every]
+        return ratios, shares, [_number(gear.offset) for gear in values]
 
     def _rolled(self, i: int) -> list[sp.Expr]:
         """The rate of link i by the velocities of the base, attitude first: of a wheel.
@@ -417,8 +417,8 @@ class SymbolicRobot:
     def _bodies(
         self, coordinates: Mapping[int, sp.Expr], chain: Chain | None = None
     ) -> JointedBodies:
-        every: Collection[int] = range(1, len(self.robot.links) + 1)
-        links, massive = (chain.path, chain.own) if chain else (every, every)
+        numbers: Collection[int] = range(1, len(self.robot.links) + 1)
+        links, massive = (chain.path, chain.own) if chain else (numbers, numbers)
         has_core = chain is None or chain.has_core
         welded = has_core and not self.robot.base.moves_freely
         core = self.core_inertia() if welded else NO_INERTIA
@@ -439,8 +439,8 @@ class SymbolicRobot:
     @cached_property
     def all_bodies(self) -> JointedBodies:
         """Every link with a joint of its own, held where the link is welded or constrained."""
-        every: dict[int, sp.Expr] = dict.fromkeys(range(1, len(self.robot.links) + 1), sp.S.Zero)
-        return self._bodies(every | self.coordinates)
+        angles: dict[int, sp.Expr] = dict.fromkeys(range(1, len(self.robot.links) + 1), sp.S.Zero)
+        return self._bodies(angles | self.coordinates)
 
     @cached_property
     def reduced_tree(self) -> SegmentTree:

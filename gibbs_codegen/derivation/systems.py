@@ -127,11 +127,11 @@ class Systems:
         """Derivatives of the outputs' sum with some weights, by each argument's directions."""
         graph = self.imported.graph
         inputs = {letter: self.refs(getattr(self.symbolic, letter)) for letter in arguments}
-        every = [ref for refs in inputs.values() for ref in refs]
+        sources = [ref for refs in inputs.values() for ref in refs]
         with self.imported.group("gradient, backward from the result"):
             weighed = self.refs(getattr(self.symbolic, weights))
-            by_input = vjp(graph, self.refs(outputs), weighed, every)
-            by_node = {ref >> 1: entry for ref, entry in zip(every, by_input, strict=True)}
+            by_input = vjp(graph, self.refs(outputs), weighed, sources)
+            by_node = {ref >> 1: entry for ref, entry in zip(sources, by_input, strict=True)}
             return [
                 [
                     graph.sum(graph.product(rate, by_node[node]) for node, rate in way.items())
@@ -191,10 +191,10 @@ class Systems:
                 self.refs([*outputs, self.total_mass, *base_parameters(self)])
             )
         }
-        every = {
+        refs = {
             name: self.imported.ref(sp.Symbol(name)) for name in self.symbolic.parameters.defaults
         }
-        return {name: ref for name, ref in every.items() if ref >> 1 in read}
+        return {name: ref for name, ref in refs.items() if ref >> 1 in read}
 
     @property
     def tree(self) -> SymbolicRobot:

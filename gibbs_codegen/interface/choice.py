@@ -31,8 +31,8 @@ def options_with(names: Iterable[str], functions: Collection[str]) -> dict[str, 
 
     A group stands for most of its functions, so that the words are few.
     """
-    every = [name for name in dict.fromkeys((*functions, *names)) if name in FUNCTIONS]
-    words = {"derivatives": [*derivatives_among(every)], "functions": _words(every, share=0.5)}
+    chosen = [name for name in dict.fromkeys((*functions, *names)) if name in FUNCTIONS]
+    words = {"derivatives": [*derivatives_among(chosen)], "functions": _words(chosen, share=0.5)}
     return {option: listed for option, listed in words.items() if listed not in ([], [DEFAULT])}
 
 
@@ -60,8 +60,8 @@ def options_for(functions: Collection[str]) -> list[str]:
     words = _words(functions) or [*derivatives]
     options = [] if words == [DEFAULT] else [f"--functions={','.join(words)}"]
     if derivatives and derivatives != tuple(functions):
-        every = derivatives_among(FUNCTIONS)
-        short = tuple(name for name in every if not FUNCTIONS[name].is_long)
-        listed = {short: "", every: "=all"}.get(derivatives, f"={','.join(derivatives)}")
+        derivable = derivatives_among(FUNCTIONS)
+        short = tuple(name for name in derivable if not FUNCTIONS[name].is_long)
+        listed = {short: "", derivable: "=all"}.get(derivatives, f"={','.join(derivatives)}")
         options.append(f"--derivatives{listed}")
     return options

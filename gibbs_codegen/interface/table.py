@@ -137,7 +137,7 @@ GROUPS = (
 )
 # Groups whose functions are derivatives of others, or compose or fit them.
 DERIVATIVE_GROUPS = ("derivatives", "parameters", "steps")
-_EVERY = (
+_ROWS = (
     *DYNAMICS,
     *KINEMATICS,
     *ACTUATORS,
@@ -149,10 +149,10 @@ _EVERY = (
     *ACTUATOR_PARAMETERS,
     *STEPS,
 )
-FUNCTIONS: dict[str, Row] = {row.name: row for row in _EVERY}
+FUNCTIONS: dict[str, Row] = {row.name: row for row in _ROWS}
 # By the name of a part, the function whose text computes it.
-WHOLES = {part: row.name for row in _EVERY for part in row.parts}
-_DERIVATIVES = {(row.derivative_of, row.kind): row.name for row in _EVERY if row.derivative_of}
+WHOLES = {part: row.name for row in _ROWS for part in row.parts}
+_DERIVATIVES = {(row.derivative_of, row.kind): row.name for row in _ROWS if row.derivative_of}
 
 
 def derivative(name: str, kind: Kind) -> str:

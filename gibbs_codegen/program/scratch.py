@@ -48,7 +48,7 @@ from gibbs_codegen.program.nodes import names_in
 from gibbs_codegen.program.trigonometry import GatheredFunction
 
 # Stands for every iteration of a loop.
-_EVERY = -1
+_ALL_ROUNDS = -1
 
 
 class LiveRanges:
@@ -73,7 +73,7 @@ class LiveRanges:
                     (name, i) for name in steps.used_names(item) if name in self.first_definition
                 )
                 if isinstance(item, steps.Loop):
-                    using: dict[str, set[int]] = {name: {_EVERY} for name in item.invariants}
+                    using: dict[str, set[int]] = {name: {_ALL_ROUNDS} for name in item.invariants}
                     for row in item.operands.values():
                         for iteration, name in enumerate(row):
                             using.setdefault(name, set()).add(iteration)

@@ -98,8 +98,8 @@ class Places:
     @property
     def base(self) -> list[int]:
         """Places of attitude and position: the entries that thrusts act on."""
-        every = range(self.size)
-        return [*every[self.attitude], *every[self.position]]
+        places = range(self.size)
+        return [*places[self.attitude], *places[self.position]]
 
     @property
     def joint_places(self) -> list[int]:
@@ -286,14 +286,16 @@ class Layout:
     def displacements(self) -> list[tuple[str, str]]:
         """Names of the directions in which it may be displaced, as velocities', and units."""
         pairs = zip(self.v.names, (unit.removesuffix("/s") for unit in self.v.units), strict=True)
-        every = [*pairs]
-        return [*every[:_SIDEWAYS], ("vy", "m"), *every[_SIDEWAYS:]] if self.has_drive else every
+        entries = [*pairs]
+        return (
+            [*entries[:_SIDEWAYS], ("vy", "m"), *entries[_SIDEWAYS:]] if self.has_drive else entries
+        )
 
     @property
     def paired(self) -> list[int]:
         """For each entry of v its place among displacements."""
-        every = range(self.displaced.size)
-        return [place for place in every if len(every) == self.v.size or place != _SIDEWAYS]
+        places = range(self.displaced.size)
+        return [place for place in places if len(places) == self.v.size or place != _SIDEWAYS]
 
     @property
     def neutral(self) -> list[float]:

@@ -154,12 +154,12 @@ class CasadiModule(LoadedModule):
             computed = self._kernels.outputs(signature, casadi.vertsplit(constants), *values)
             outputs = [*map(_matrix, computed, signature.shapes)]
         results = [output.name for output in FUNCTIONS[name].outputs]
-        every = casadi.Function(
+        function = casadi.Function(
             name, [*symbols, constants], outputs, [*names, "constants"], results
         )
-        by_default = every.call([*symbols, self._default])
+        by_default = function.call([*symbols, self._default])
         default = casadi.Function(name, symbols, by_default, names, results)
-        return CasadiFunction(default, every, getattr(self._module, name).__doc__)
+        return CasadiFunction(default, function, getattr(self._module, name).__doc__)
 
     def _normalised(self, argument: str, symbol: Any) -> list[Any]:
         """Entries of an argument, row by row, those of a quaternion divided by its length.

@@ -203,8 +203,8 @@ class JaxFunctions:
                 change = self._traced(name, primals, {0: by_constants})
             changes.append(change)
         results = results or self.results(name, *primals)
-        every = zip(results, *changes, strict=True)
-        return tuple(results), tuple(sum(parts, jnp.zeros_like(x)) for x, *parts in every)
+        terms = zip(results, *changes, strict=True)
+        return tuple(results), tuple(sum(parts, jnp.zeros_like(x)) for x, *parts in terms)
 
     def _by_arguments(
         self, name: str, primals: Sequence[Any], moved: Mapping[str, Any]
@@ -263,8 +263,8 @@ class JaxFunctions:
         """Changes of a function's results with some of constants and arguments, by its kernel."""
 
         def results(*values: Any) -> tuple[Any, ...]:
-            every = {**dict(enumerate(primals)), **dict(zip(moved, values, strict=True))}
-            return self._computed(self._by_kernel, name, *every.values())
+            values_by_place = {**dict(enumerate(primals)), **dict(zip(moved, values, strict=True))}
+            return self._computed(self._by_kernel, name, *values_by_place.values())
 
         return jax.jvp(results, [primals[i] for i in moved], [*moved.values()])[1]
 
@@ -308,9 +308,9 @@ def _prepare(module: ModuleType, functions: JaxFunctions) -> Callable[[Mapping[s
         numbers = _arrays(values, values.values())
         shapes = {name: value.shape for name, value in zip(values, numbers, strict=True)}
         shape = common_shape("values", shapes)
-        every = {**defaults, **dict(zip(values, numbers, strict=True))}
+        completed = {**defaults, **dict(zip(values, numbers, strict=True))}
         dtype = numbers[0].dtype if numbers else jnp.result_type(float)
-        entries = [*functions.kernels.constants(every), *every.values()]
+        entries = [*functions.kernels.constants(completed), *completed.values()]
         return jnp.stack([jnp.broadcast_to(jnp.asarray(e, dtype), shape) for e in entries], -1)
 
     prepare.__doc__ = """Constants of the other functions for given parameters.

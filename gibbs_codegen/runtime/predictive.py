@@ -281,7 +281,7 @@ class Transcription:
             "SHARES": _SHARES,
             "FIRST": _FIRST,
         }
-        every = list(programs.values())
+        in_order = list(programs.values())
         return _without_unused(
             [
                 self._opening,
@@ -294,11 +294,11 @@ class Transcription:
                 f"typedef {robot.name}_constants Constants;",
                 f"typedef {robot.name}_predictive Controller;",
                 f"#define MODULE(name) {robot.name}_##name",
-                *support(every, robot),
+                *support(in_order, robot),
                 "#if LANES > 1",
-                *blocks_of(every, per_state=False),
+                *blocks_of(in_order, per_state=False),
                 "#endif",
-                *c_functions(every, PREFIX, "static "),
+                *c_functions(in_order, PREFIX, "static "),
                 f"enum {{ {', '.join(f'{name} = {size}' for name, size in sizes.items())} }};",
                 _table("limited", [(row.entry, row.other) for row in self.rows]),
                 _table("placed", [(row.place, row.other_place) for row in self.rows]),

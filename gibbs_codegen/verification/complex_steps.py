@@ -169,9 +169,9 @@ class ComplexSteps:
 
     def displacements(self, q: Array, rates: Array) -> Array:
         """Displacements (s, nv, columns) in the tangent space that change q (s, nq) at `rates`."""
-        every = self("coordinate_rates", q[:, None], np.eye(self._width)[None])
+        slopes = self("coordinate_rates", q[:, None], np.eye(self._width)[None])
         rows = slice(self._free)
-        return np.linalg.pinv(np.swapaxes(every, 1, 2)[:, rows]) @ rates[:, rows]
+        return np.linalg.pinv(np.swapaxes(slopes, 1, 2)[:, rows]) @ rates[:, rows]
 
     def _moved(self, at: Mapping[str, Any], unit: Any) -> dict[str, Any]:
         """Arguments (…, 1, width) moved by `unit` along each column, (…, columns, width)."""

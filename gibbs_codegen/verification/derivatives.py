@@ -175,8 +175,8 @@ class _Function:
     def __init__(self, point: _Point, name: str) -> None:
         self.point, self.name = point, name
         letters = FUNCTIONS[name].arguments if name in FUNCTIONS else "qu"
-        every = {x: getattr(point.states, x) for x in letters if x in point.units}
-        self.at = {name: x.reshape(len(x), math.prod(x.shape[1:])) for name, x in every.items()}
+        arguments = {x: getattr(point.states, x) for x in letters if x in point.units}
+        self.at = {name: x.reshape(len(x), math.prod(x.shape[1:])) for name, x in arguments.items()}
         self.units = np.concatenate([point.units[letter] for letter in self.at])
         self.value = self(**self.at)
 
@@ -284,9 +284,9 @@ class _Measure:
         """The largest entries of arrays (s, …) and of what forces (s, l, …) move, stretched."""
         count, _, rows = self._moved.shape
         moves = [np.abs(self._moved) @ np.abs(x).reshape(count, rows, -1) for x in forces]
-        every = [np.abs(x).reshape(count, -1).max(axis=-1, initial=0.0) for x in [*arrays, *moves]]
+        sizes = [np.abs(x).reshape(count, -1).max(axis=-1, initial=0.0) for x in [*arrays, *moves]]
         clear = np.isfinite(self._stretch)
-        size: Array = np.max(every, axis=0) * np.where(clear, self._stretch, 1.0)
+        size: Array = np.max(sizes, axis=0) * np.where(clear, self._stretch, 1.0)
         return size + np.where(clear, 0.0, UNKNOWN)
 
 

@@ -141,22 +141,22 @@ def _system(
     yield "kinetic_energy", quantities.kinetic_energy, sizes.kinetic
     yield "potential_energy", quantities.potential_energy, sizes.potential
     # The hybrid system: all joints, the torques of the constraints, and θ̈ = 0 for those.
-    every, more = slice(tree.count), (0, len(tree.constrained))
+    moving, more = slice(tree.count), (0, len(tree.constrained))
     row, square = ((0, 0), more), ((0, 0), more, more)
     torques = tree.count + np.arange(len(tree.constrained))
-    matrix = np.pad(quantities.mass_matrix[:, every, every], square)
+    matrix = np.pad(quantities.mass_matrix[:, moving, moving], square)
     matrix[:, tree.constrained, torques] = -1.0
     matrix[:, torques, tree.constrained] = 1.0
     yield (
         "hybrid_mass_matrix",
         matrix,
-        np.pad(sizes.matrix[:, every, every], square, constant_values=1.0),
+        np.pad(sizes.matrix[:, moving, moving], square, constant_values=1.0),
     )
-    size = np.pad(sizes.effort[:, every], row, constant_values=1.0)
-    yield "hybrid_residual", np.pad(quantities.residual[:, every], row), size
+    size = np.pad(sizes.effort[:, moving], row, constant_values=1.0)
+    yield "hybrid_residual", np.pad(quantities.residual[:, moving], row), size
     columns = ((0, 0), more, (0, 0))
-    size = np.pad(sizes.inputs[:, every], columns, constant_values=1.0)
-    yield "hybrid_input_matrix", np.pad(inputs[:, every], columns), size
+    size = np.pad(sizes.inputs[:, moving], columns, constant_values=1.0)
+    yield "hybrid_input_matrix", np.pad(inputs[:, moving], columns), size
 
 
 def displacement_rows(tree: Tree, states: States) -> Iterator[tuple[str, Array, Array]]:

@@ -241,11 +241,11 @@ class _OneByOne(Results):
         self._constants = constants
 
     def _computed(self, name: str, arguments: Sequence[Array]) -> Any:
-        every = []
+        results = []
         for i, constants in enumerate(self._constants):
             self._keywords = {"constants": constants}
-            every.append(super()._computed(name, [x[i] for x in arguments]))
-        return [np.array(arrays) for arrays in zip(*every, strict=True)]
+            results.append(super()._computed(name, [x[i] for x in arguments]))
+        return [np.array(arrays) for arrays in zip(*results, strict=True)]
 
 
 def _limit(signature: Signature, solved: float) -> float:

@@ -215,8 +215,8 @@ class InOwnUnits:
         # The smallest mass, or moment of inertia over the square of the reach, but zero.
         joints = self.tree.joints
         moments = [np.diagonal(joint.inertia) / self.tree.reach**2 for joint in joints]
-        every = np.append([joint.mass for joint in joints], moments)
-        self._mass = _power_of_two(float(every[every > 0.0].min()))
+        numbers = np.append([joint.mass for joint in joints], moments)
+        self._mass = _power_of_two(float(numbers[numbers > 0.0].min()))
         self._time = _power_of_two(1.0 / self.tree.tempo)
         units = self._length, self._mass, self._time
         scaled = Tree(mapped(robot, lambda _, value, dimension: value / dimension.unit(*units)))

@@ -268,10 +268,10 @@ class PassiveForces:
     """
 
     def __init__(self, tree: Tree, robot: Robot) -> None:
-        self._tree, every = tree, np.zeros((tree.size, 4))
+        self._tree, constants = tree, np.zeros((tree.size, 4))
         for i, place in tree.places.items():
-            every[place] = astuple(robot.links[i - 1].passive)
-        self._damping, self.armature, self._stiffness, self._rest = every.T
+            constants[place] = astuple(robot.links[i - 1].passive)
+        self._damping, self.armature, self._stiffness, self._rest = constants.T
         self.reflected = np.zeros(tree.size)
         for i, place in tree.places.items():
             if motor := robot.links[i - 1].motor:
@@ -455,9 +455,9 @@ class Tree:
         if not self.layout.is_quaternion:
             # What has no velocity of its own is anything.
             numbers = np.arange(self.layout.q.size)
-            every = np.sin(np.sum(angles, axis=-1, keepdims=True) + numbers)
-            every[..., self.layout.paired] = angles
-            return every
+            entries = np.sin(np.sum(angles, axis=-1, keepdims=True) + numbers)
+            entries[..., self.layout.paired] = angles
+            return entries
         from scipy.spatial.transform import Rotation  # Late, as SciPy takes long to import.
 
         base, joints = self.layout.v, angles[..., self.layout.v.joints]
@@ -466,9 +466,9 @@ class Tree:
 
     def spread(self, values: Array) -> Array:
         """Rates (…, nv) as those (…, size) of all joints, zero at the constrained ones."""
-        every = np.zeros((*values.shape[:-1], self.size), values.dtype)
-        every[..., self.free] = values
-        return times(self.gains, every)
+        whole = np.zeros((*values.shape[:-1], self.size), values.dtype)
+        whole[..., self.free] = values
+        return times(self.gains, whole)
 
     def motion(self, states: States) -> tuple[Array, Array, Array]:
         """Coordinates, rates and accelerations (…, size) of all joints."""
@@ -487,15 +487,15 @@ class Tree:
 
         They are zero at the joints of the base and at the constrained ones.
         """
-        every = np.zeros((*q.shape[:-1], self.size))
-        every[..., self.arm] = q[..., self.layout.q.joints]
-        return times(self.gains, every) + self.offsets + self.rolled(q)
+        angles = np.zeros((*q.shape[:-1], self.size))
+        angles[..., self.arm] = q[..., self.layout.q.joints]
+        return times(self.gains, angles) + self.offsets + self.rolled(q)
 
     def rolled(self, q: Array) -> Array:
         """Angles (…, size) of the wheels, at the places of their joints."""
-        every = np.zeros((*q.shape[:-1], self.size))
-        every[..., self.wheels] = q[..., self.layout.q.angles]
-        return every
+        angles = np.zeros((*q.shape[:-1], self.size))
+        angles[..., self.wheels] = q[..., self.layout.q.angles]
+        return angles
 
     def frames(self, q: Array) -> Frames:
         """Frames of all joints at coordinates q (…, size) of all, which may be complex."""

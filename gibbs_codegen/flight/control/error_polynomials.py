@@ -35,7 +35,7 @@ def error_polynomials(controller: ControlLaw, lags: Sequence[float]) -> list[Arr
     if controller.law not in LAWS:
         return []
     gains, places = controller.gains, controller.vehicle.layout.v
-    every, law = np.stack([gains.damping, gains.stiffness], axis=-1), LAWS[controller.law]
+    coefficients, law = np.stack([gains.damping, gains.stiffness], axis=-1), LAWS[controller.law]
     of_frame = []
     if law.moves_frame:
         terms = [controller.values[f"frame_{x}"] for x in ("damping", "stiffness", "inertia")]
@@ -44,12 +44,12 @@ def error_polynomials(controller: ControlLaw, lags: Sequence[float]) -> list[Arr
         felt = () if law.leans else lags
         of_frame = _decoupled(pairs, gains.integral if law.pushes else 0.0, felt)
     if not law.leans:
-        return of_frame + _decoupled(every, gains.integral, lags)
-    rest = np.delete(every, places.attitude, axis=0)
+        return of_frame + _decoupled(coefficients, gains.integral, lags)
+    rest = np.delete(coefficients, places.attitude, axis=0)
     polynomials = of_frame + _decoupled(rest, gains.integral, lags)
     if gains.integral:  # The heading has the gains of the position, and no integral.
-        polynomials += _decoupled(every[places.position], 0.0, lags)
-    pair = every[places.position][:1], every[places.attitude][:1]
+        polynomials += _decoupled(coefficients[places.position], 0.0, lags)
+    pair = coefficients[places.position][:1], coefficients[places.attitude][:1]
     return polynomials + _sideways(gains, *pair, lags)
 
 

@@ -468,8 +468,8 @@ class Predictive:
             for x, (kind, words) in kinds.items()
             if not isinstance(robot if x == "module" else getattr(self, x), kind)
         ]
-        every = (self.points, self.orientations, self.signals)
-        led = [] if faults else [pair for some in every for pair in some.items()]
+        parts = (self.points, self.orientations, self.signals)
+        led = [] if faults else [pair for part in parts for pair in part.items()]
         if any(not isinstance(x, str) or not callable(path) for x, path in led):
             faults = [("points, orientations and signals", paths)]
         if not faults and not all(isinstance(wall, Wall) for wall in self.walls):

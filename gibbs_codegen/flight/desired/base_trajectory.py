@@ -94,32 +94,32 @@ def _part(
     vehicle: Vehicle, time: Array, centre: Path, orientation: Orientation
 ) -> tuple[Motion, Deviation | None]:
     """Motion at some knots, and where pieces between leave it most; None within the tolerance."""
-    every = check_times(time)
-    places = bounded_path(every, centre, "path of the base")
+    times = check_times(time)
+    places = bounded_path(times, centre, "path of the base")
     with np.errstate(all="ignore"):
-        turning = orientation(centre, every, vehicle.arm_angles())
+        turning = orientation(centre, times, vehicle.arm_angles())
         spins = np.abs([turning.velocity, turning.acceleration])
         beyond = ~np.all(spins < BOUND, axis=(0, -1))
-    check_none(every, beyond, "the base turns too fast")
+    check_none(times, beyond, "the base turns too fast")
     try:
-        exact = base_motion(vehicle, every, places, turning)
+        exact = base_motion(vehicle, times, places, turning)
     except SingularAttitudeError as error:
-        message = f"at t = {every[error.place]:.6g} s {error}"
+        message = f"at t = {times[error.place]:.6g} s {error}"
         raise SingularAttitudeError(message, error.place) from None
     motion = Motion(time, *(series[::CHECKS] for series in (exact.q, exact.v, exact.a)))
-    kinematics, step = vehicle.kinematics, every[1] - every[0]
-    q, v, _ = kinematics.reference(motion)(every)
+    kinematics, step = vehicle.kinematics, times[1] - times[0]
+    q, v, _ = kinematics.reference(motion)(times)
     deviation, deviation_rate = kinematics.errors(exact.q, exact.v, q, v)
     # Rates too: a base that turns once between checks seems to stand still.
     off = np.maximum(np.abs(deviation), step * np.abs(deviation_rate))
-    places, _ = kinematics.errors(np.tile(vehicle.neutral, (len(every), 1)), 0.0 * v, exact.q, v)
+    places, _ = kinematics.errors(np.tile(vehicle.neutral, (len(times), 1)), 0.0 * v, exact.q, v)
     excess = off / tolerance(np.abs(places).max(axis=0))
     instant, coordinate = np.unravel_index(np.argmax(excess), excess.shape)
     if excess[instant, coordinate] <= 1.0:
         return motion, None
     unit = vehicle.layout.v.units[int(coordinate)].removesuffix("/s")
     piece = int(instant) // CHECKS
-    return motion, Deviation(piece, every[instant], off[instant, coordinate], unit)
+    return motion, Deviation(piece, times[instant], off[instant, coordinate], unit)
 
 
 KNOT_SPACING = 0.005
@@ -164,9 +164,9 @@ def check_times(time: Array) -> Array:
 
     They are (CHECKS · (s − 1) + 1); every CHECKS-th is exactly a knot.
     """
-    every = refined(time, CHECKS)
-    every[::CHECKS] = time
-    return every
+    times = refined(time, CHECKS)
+    times[::CHECKS] = time
+    return times
 
 
 def tolerance(size: float | Array) -> float | Array:

@@ -606,13 +606,13 @@ def _deviation(vehicle: Vehicle, motion: Motion, tip: Path) -> Deviation | None:
     reference = vehicle.kinematics.reference(motion)
     worst, worst_place = 1.0, None
     for begin in range(0, len(motion.time) - 1, BATCH):
-        every = check_times(motion.time[begin : begin + BATCH + 1])
-        places = bounded_path(every, tip, "path of the tip")[:, 0]
-        reached = vehicle.tip_pose(reference(every)[0])[:, :3, 3]
+        times = check_times(motion.time[begin : begin + BATCH + 1])
+        places = bounded_path(times, tip, "path of the tip")[:, 0]
+        reached = vehicle.tip_pose(reference(times)[0])[:, :3, 3]
         off = np.linalg.norm(reached - places, axis=-1)
         excess = off / tolerance(np.abs(places).max())
         instant = int(np.argmax(excess))
         if not excess[instant] <= worst:
             worst = excess[instant]
-            worst_place = Deviation(begin + instant // CHECKS, every[instant], off[instant], "m")
+            worst_place = Deviation(begin + instant // CHECKS, times[instant], off[instant], "m")
     return worst_place

@@ -403,9 +403,9 @@ def timed_reference(vehicle: Vehicle, clock: Clock) -> Reference:
         pieces = refinement * (len(clock.knots) - 1)
         time = np.linspace(0.0, clock.duration, pieces + 1)
         reference = vehicle.kinematics.reference(Motion(time, *clock.motion(time)))
-        every = check_times(time)
-        q = clock.motion(every)[0]
-        off = np.abs(reference(every)[0] - q) / tolerance(np.abs(q).max(axis=0))
+        times = check_times(time)
+        q = clock.motion(times)[0]
+        off = np.abs(reference(times)[0] - q) / tolerance(np.abs(q).max(axis=0))
         if refinement == _FINEST or np.all(off <= 1.0):
             return reference
         refinement *= 2

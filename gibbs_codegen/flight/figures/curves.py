@@ -252,9 +252,9 @@ def coordinates(flight: Flight, letters: str = string.ascii_uppercase) -> Figure
 def _panels(flight: Flight) -> list[_Panel]:
     """The contents of each panel."""
     layout = flight.layout
-    every = range(layout.q.size)
+    numbers = range(layout.q.size)
     kinds = [
-        [k for k in every[layout.q.joints] if layout.q.units[k] == unit] for unit in ("rad", "m")
+        [k for k in numbers[layout.q.joints] if layout.q.units[k] == unit] for unit in ("rad", "m")
     ]
     joints = [_coordinate_curves(flight, "joints", places) for places in kinds if places]
     place = flight.q[0, layout.q.position]
@@ -267,7 +267,7 @@ def _panels(flight: Flight) -> list[_Panel]:
     arm_names = [symbol(f"theta_{k}") for k in range(2, arms[0].shape[1] + 2)]
     drift = np.abs(arms[0] - arms[1]).max(initial=0.0) > _DRIFT
     base_arms = [Curves("base arms (deg)", arm_names, *np.degrees(arms))]
-    attitude, position = every[layout.q.attitude], every[layout.q.position]
+    attitude, position = numbers[layout.q.attitude], numbers[layout.q.position]
     where = f"position of {origin}" if layout.moves_freely else "travel of the base"
     return [
         *([_by_range(_coordinate_curves(flight, "attitude", attitude))] if attitude else []),

@@ -336,8 +336,7 @@ class Environment:
     @property
     def jumps(self) -> set[float]:
         """Times, s, at which what acts, or how it changes, jumps."""
-        every = (self.push, *self.payload, *self.hold)
-        lasting = [acting for acting in every if acting is not None]
+        lasting = filter(None, (self.push, *self.payload, *self.hold))
         gusts = self.wind.gusts if self.wind else ()
         ends = ((gust.begin, gust.begin + gust.duration) for gust in gusts)
         return {*itertools.chain(*ends, *((x.begin, x.end) for x in lasting), dict(self.rests))}

@@ -168,10 +168,10 @@ def _joint(
     whole = np.concatenate([*terms, ranks[:, np.newaxis] - ranks.mean()], axis=1)
     grams = np.stack([whole[part == k].T @ whole[part == k] for k in range(_PARTS)])
     kept = [np.array([key not in owner for owner in owners]) for key in range(len(features))]
-    every = np.ones(len(owners), dtype=bool)
+    chosen = np.ones(len(owners), dtype=bool)
 
     def lost(gram: Array) -> Array:
-        return _explained(gram, every) - np.array([_explained(gram, which) for which in kept])
+        return _explained(gram, chosen) - np.array([_explained(gram, which) for which in kept])
 
     total = grams.sum(axis=0)
     without = np.stack([lost(total - gram) for gram in grams])

@@ -285,8 +285,8 @@ def table_of(cases: Cases, measures: Sequence[str], rows: Sequence[Row]) -> NDAr
     heads = [(case.index, case.robot, case.scenario, *case.values.values()) for case in cases]
     values, *reasons = zip(*rows, strict=True)
     names = ("case", "robot", "scenario", *cases.columns, *measures, *REASONS)
-    every = (*zip(*heads, strict=True), *zip(*values, strict=True), *reasons)
-    columns = dict(zip(names, map(_column, every), strict=True))
+    entries = (*zip(*heads, strict=True), *zip(*values, strict=True), *reasons)
+    columns = dict(zip(names, map(_column, entries), strict=True))
     table = np.zeros(len(rows), [(name, column.dtype) for name, column in columns.items()])
     for name, column in columns.items():
         table[name] = column

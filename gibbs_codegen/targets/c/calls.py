@@ -15,8 +15,8 @@ from gibbs_codegen.program.model import Model
 
 def model_functions(model: Model) -> Functions:
     """The functions of a model, and those that are there by default."""
-    every = tuple(dict.fromkeys((*model.functions, *default_functions())))
-    return Functions(replace(model, functions=every).listing)
+    names = tuple(dict.fromkeys((*model.functions, *default_functions())))
+    return Functions(replace(model, functions=names).listing)
 
 
 def check_calls(model: Model, programs: Iterable[Program], subject: str) -> None:

@@ -86,8 +86,8 @@ def _calls_of_parts(
     for part in parts:
         row = FUNCTIONS[part]
         outputs = [output.name for output in row.outputs]
-        every = [output.name for output in FUNCTIONS[signature.name].outputs]
-        unwanted = " && ".join(f"{name} == NULL" for name in every if name not in outputs)
+        names = [output.name for output in FUNCTIONS[signature.name].outputs]
+        unwanted = " && ".join(f"{name} == NULL" for name in names if name not in outputs)
         call = c.call(called.format(part), [*first, *row.arguments, *outputs])
         lines += [f"if ({unwanted}) {{", *c.indented([*call, "return;"]), "}"]
     return lines
@@ -141,10 +141,10 @@ def c_functions(model: Model, printer: InfixPrinter) -> list[Context]:
     One that returns a part of what another does is a call of the text of that, if compilers leave
     out of it what is for the other outputs only: where it is one text, with the same angles.
     """
-    every = {f.name: _parts(model, f, signature, printer) for f, signature in model.derived}
+    parts_of = {f.name: _parts(model, f, signature, printer) for f, signature in model.derived}
     contexts = []
-    for name, parts in every.items():
-        whole = every.get(WHOLES.get(name, ""))
+    for name, parts in parts_of.items():
+        whole = parts_of.get(WHOLES.get(name, ""))
         if whole and whole.angles != parts.angles:
             whole = None
         one = (

@@ -93,12 +93,12 @@ class CStatements(StatementPrinter):
 
         `parameters` stand after the constants, and of several states before the stride.
         """
-        every = ["const Constants *RESTRICT constants", *parameters]
+        arguments = ["const Constants *RESTRICT constants", *parameters]
         idle: list[str] = []
         if self.of_several:
-            every.append("const int stride")
+            arguments.append("const int stride")
             idle = [] if any("stride" in line for line in body) else [unused("stride")]
-        return [*head(f"static INLINE void {name}", every), "{", *indented([*idle, *body]), "}"]
+        return [*head(f"static INLINE void {name}", arguments), "{", *indented([*idle, *body]), "}"]
 
     def call_helper(self, name: str, arrays: Sequence[str]) -> list[str]:
         """A call of what `helper` defines, for one state or for each lane of a block."""
