@@ -12,7 +12,7 @@ from pathlib import Path
 
 from gibbs_codegen.cli import arguments, robot_argument, terminal
 from gibbs_codegen.errors import printable
-from gibbs_codegen.files.module_writer import generated_files, kept_options
+from gibbs_codegen.files.module_writer import kept_options
 from gibbs_codegen.robot.balance import balance_lines, lopsided
 from gibbs_codegen.targets.registry import DEFAULT_TARGETS, TARGETS
 
@@ -22,7 +22,6 @@ def run(options: argparse.Namespace) -> int:
     robot, text = robot_argument.chosen_robot(options)
     from gibbs_codegen import pipeline  # It imports SymPy, which a robot that is refused needs not.
 
-    before = generated_files(Path(options.out) / robot.name).keys()
     kept = kept_options(Path(options.out) / robot.name)
     if not kept and options.robot and os.path.exists(options.robot):
         place = Path(options.robot)
@@ -61,9 +60,6 @@ def run(options: argparse.Namespace) -> int:
             f"{counts.sine_cosine_pairs} sine-cosine pairs"
         )
     print(words)
-    if lost := sorted(before - generated_files(folder).keys()):
-        listed = printable(", ".join(lost))
-        print(f"removed, since these options do not write it: {listed}")
     if options.repeats:
         print(f"with the module's earlier options: {options.repeats}")
     for line in balance_lines(robot):

@@ -192,8 +192,8 @@ def write_module(folder: Path, files: Files, force: bool = False, options: str =
     leaves what was there, and nothing else; signals to end are held back until a whole module is in
     place, the old or the new one, and the hidden folder is gone. What must not be replaced raises
     `UsageError`; with `force` a folder with files that were not generated, or were changed since,
-    is kept under another name, which the log tells. Raises `OutputError` if the files cannot be
-    written, or a signal came.
+    is kept under another name. The log names that, and the files of the module that nothing
+    replaces. Raises `OutputError` if the files cannot be written, or a signal came.
     """
     staging.check_output_folder(folder.parent)
     files = with_manifest(files, options)
@@ -204,7 +204,7 @@ def write_module(folder: Path, files: Files, force: bool = False, options: str =
         try:
             with staging.made(place.parent), staging.alone_in(folder.parent, signals):
                 _check_beside(folder, files)
-                names = _foreign(place, files)
+                names, lost = _foreign(place, files), generated_files(place).keys() - files.keys()
                 if names and not force:
                     raise _refusal(folder, names)
                 aside = None
@@ -225,6 +225,9 @@ def write_module(folder: Path, files: Files, force: bool = False, options: str =
             ) from None
     if not written:  # The signal's handler, which is the program's own, has returned.
         raise OutputError(f"{printable(folder)}: a signal ended the writing; nothing was changed")
+    if lost:
+        words = "%s: removed, since the options of this module do not write it: %s"
+        _log.warning(words, printable(folder), _listed(sorted(lost)))
     if aside:
         kept = printable(folder.with_name(aside.name))
         _log.warning(
