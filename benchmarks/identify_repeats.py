@@ -194,7 +194,7 @@ def main(count: int, seconds: float, robot: str = "quadrotor_arm_2link") -> None
         (Path(folder) / "robot.toml").write_text(text, "utf-8")
         module = load(generate(Path(folder) / "robot.toml", folder, verify=False), "c")
         members = Unknowns(module, [*factors], 0.3).members
-        plant = {n: module.PARAMETERS[n] * x for k, x in factors.items() for n in members(k)}
+        plant = {n: module.PARAMETERS[n] * x for k, x in factors.items() for n in members[k]}
         flights = flown(module, plant, count, seconds)
         # Processes are forked, so that they have the module and the flights.
         FLOWN.update(module=module, free=[*factors], flights=[*zip(*flights, strict=True)])
@@ -208,7 +208,7 @@ def main(count: int, seconds: float, robot: str = "quadrotor_arm_2link") -> None
                 print("stopped", file=sys.stderr)
     found, times = zip(*fits, strict=True)
     names = found[0].names
-    exact = np.array([plant[members(name)[0]] for name in names])
+    exact = np.array([plant[members[name][0]] for name in names])
     values, deviations = (
         np.array([getattr(f, k) for f in found]) for k in ("values", "deviations")
     )

@@ -194,6 +194,11 @@ def _number(text: str) -> float:
     raise argparse.ArgumentTypeError(f"must be a finite number, not {printable(text, 40)}")
 
 
+def _prior(text: str) -> tuple[str, float]:
+    name, _, share = text.rpartition("=")
+    return name or "*", _number(share)
+
+
 def _not_negative(text: str) -> float:
     if (value := _number(text)) >= 0.0:
         return value
@@ -394,8 +399,11 @@ def _identify(parser: Parser) -> None:
         action="append",
         default=[],
     )
-    meaning = "standard deviation of the robot file's numbers, as a share of each (default: 0.3)"
-    parser.add("--prior", "SHARE", meaning, type=_number, default=0.3)
+    meaning = (
+        "standard deviation of the robot file's numbers, as a share of each (default: 0.3); or "
+        "NAME=SHARE for some, such as base_mass=0.01; may be repeated"
+    )
+    parser.add("--prior", "SHARE", meaning, type=_prior, action="append", default=[])
     meaning = "share of each log, at its end, kept for testing the predictions (default: 0)"
     parser.add("--hold-out", "SHARE", meaning, type=_not_negative, default=0.0)
     meaning = "folder for robot file and report, which must not exist yet"

@@ -19,7 +19,7 @@ from gibbs_codegen.identification.identify import (
     check_given,
     identify,
 )
-from gibbs_codegen.identification.unknowns import Unknowns
+from gibbs_codegen.identification.unknowns import PRIOR, Unknowns
 from gibbs_codegen.runtime.load import load
 
 
@@ -28,7 +28,8 @@ def run(options: argparse.Namespace) -> int:
     """Identify the numbers, write robot file and report, and print the report; or design."""
     names, place = changes_of(options.name), options.design or options.out
     check_new(place)
-    check_given(options.logs, options.prior, options.hold_out)
+    check_given(options.logs, options.hold_out)
+    prior = {"*": PRIOR} | dict(options.prior)
     if bool(options.logs) == bool(options.design):
         raise UsageError("no LOG given; give one, or design a motion with --design FILE")
     if not options.room > 0.0:
@@ -44,13 +45,13 @@ def run(options: argparse.Namespace) -> int:
 
             source, _ = robot_argument.find_robot(options.robot)
             vars(robot.module).update(PARAMETERS=Parameters(source, Tape(), zero).defaults)
-        Unknowns(robot.module, options.free, options.prior)
+        Unknowns(robot.module, options.free, prior)
 
     found = robot_argument.found_module(
         options.robot, terminal.progress(), check=check, keep_zeros=zero
     )
     with found as (folder, _), terminal.progress_bar() as progress:
-        module, free, prior = load(folder, "c"), options.free, options.prior
+        module, free = load(folder, "c"), options.free
         settled = True
         made: Design | Identified
         if options.design:

@@ -39,7 +39,7 @@ from gibbs_codegen.identification.model import Model
 from gibbs_codegen.identification.recorded import Readings, recording_of
 from gibbs_codegen.identification.report import as_text
 from gibbs_codegen.identification.smoothing import Smoother
-from gibbs_codegen.identification.unknowns import Unknowns
+from gibbs_codegen.identification.unknowns import PRIOR, Prior, Unknowns
 from gibbs_codegen.robot.text import toml_lines
 
 _log = logging.getLogger("gibbs_codegen")
@@ -116,7 +116,7 @@ def design(
     free: Sequence[str] = (),
     scenario: str | os.PathLike[str] | Mapping[str, Any] | None = None,
     room: float = 1.0,
-    prior: float = 0.3,
+    prior: Prior = PRIOR,
     tries: int = 40,
     progress: Progress = lambda what, share: None,
 ) -> Design:
@@ -128,7 +128,7 @@ def design(
         scenario: A scenario file, or its tables: from it law, sensors, duration, limits and the
             place where the motion begins are taken. By default 12 s with an IMU and encoders.
         room: How far the base may go from where it begins along each axis, m.
-        prior: Standard deviation of the robot file's numbers, as a share.
+        prior: Standard deviations of the robot file's numbers, as for `identify`.
         tries: How many motions are flown in simulation.
         progress: Called with the name of the work and the share done.
 
@@ -139,8 +139,8 @@ def design(
         UsageError: If the robot cannot be identified, or flies no motion of the scenario.
     """
     module = identifiable(robot)
-    if not room > 0.0 or not prior > 0.0 or tries < 1:
-        raise UsageError("room, prior: must be above 0, and tries 1 or more")
+    if not room > 0.0 or tries < 1:
+        raise UsageError("room: must be above 0, and tries 1 or more")
     unknowns = Unknowns(module, free, prior)
     f, z = len(unknowns.names), np.zeros(len(unknowns.names))
     experiment = _Experiment(module, unknowns, _tables(module, scenario), room)
@@ -290,8 +290,8 @@ class _Experiment:
             covariance = self.covariance(x)
         except GibbsCodegenError:
             return np.inf
-        f = len(self.unknowns.names)
-        return float(np.mean(np.diag(covariance)[:f])) / self.unknowns.prior**2
+        prior = self.unknowns.prior
+        return float(np.mean(np.diag(covariance)[: len(prior)] / prior**2))
 
 
 def searched(

@@ -21,6 +21,7 @@ from gibbs_codegen.identification.recorded import (
     Readings,
     Recording,
     cut,
+    felt_names,
     input_noise,
     part_of,
     recording_of,
@@ -30,7 +31,7 @@ from gibbs_codegen.identification.regression import Regression
 from gibbs_codegen.identification.report import html_report, text_report
 from gibbs_codegen.identification.robot_file import with_numbers
 from gibbs_codegen.identification.smoothing import Estimate, Smoother
-from gibbs_codegen.identification.unknowns import Unknowns
+from gibbs_codegen.identification.unknowns import PRIOR, Prior, Unknowns
 from gibbs_codegen.robot.parts.base import FIXED
 from gibbs_codegen.runtime.load import load
 
@@ -41,9 +42,8 @@ Log = Flight | Recording | str | os.PathLike[str]
 _UNSEEN, _PART = 0.5, 0.35
 # How far is predicted, s, and samples of a first fit that gives numbers to begin with.
 _AHEAD, _FIRST = 0.5, 2000
-# How much more than its deviations steps may leave in the first iterations, in which numbers are
-# far from those of the log, and in the last ones where they are known.
-_SLACKS, _HELD = (30.0, 30.0, 10.0, 3.0), 2
+# Iterations that hold numbers which another fit found.
+_HELD = 2
 # Deviations of the prior from which on a value contradicts the robot file, and those from which on
 # a fit begins elsewhere.
 _CONTRADICTS, _FAR = 3.0, 1.0
@@ -117,7 +117,7 @@ def identify(
     robot: ModuleType | str | os.PathLike[str],
     logs: Log | Sequence[Log],
     free: Sequence[str] = (),
-    prior: float = 0.3,
+    prior: Prior = PRIOR,
     hold_out: float = 0.0,
     names: Mapping[str, str | float] | None = None,
     between: tuple[float, float] = (0.0, np.inf),
@@ -135,7 +135,9 @@ def identify(
             that `read_log` reads.
         free: Patterns of names of parameters, such as `forearm_mass` or `*_com_?`; `rotors.drag` is
             a number of all rotors alike. By default all but lengths and places of frames.
-        prior: Standard deviation of the robot file's numbers, as a share.
+        prior: Standard deviation of the robot file's numbers, as a share; or by patterns of names,
+            of which the last one counts, such as `{"*": 0.5, "base_mass": 0.01}`. Those of a load
+            have a wide one of their own.
         hold_out: Share of each log, at its end, that is not used but predicted.
         names: What logs call things, as of `read_log`.
         between: Part of each log to use, s from its start, such as the time in the air.
@@ -148,7 +150,7 @@ def identify(
         UsageError: If a log or a pattern is not of the robot, or it has loops.
     """
     listed = [logs] if isinstance(logs, Flight | Recording | str | os.PathLike) else [*logs]
-    check_given(listed, prior, hold_out)
+    check_given(listed, hold_out)
     module = identifiable(robot)
     whole = [part for log in listed for part in _recordings(log, module, names or {})]
     spans = [slice(*np.searchsorted(log.time, between).tolist()) for log in whole]
@@ -173,38 +175,33 @@ def identify(
         raise UsageError(
             f"{blind[True]}: has no pose, but {blind[False]} does; identify from them separately"
         )
-    regression = Regression(model, unknowns, readings)
     sources = [*dict.fromkeys(r.source for r in recordings)]
     pairs = zip(recordings, ends, strict=True)
-    rest = [part for r, end in pairs for part in cut(r, [slice(end, len(r.time))])]
-    if regression.blind:
-        ahead = [Readings(r, module, frames) for r in rest]
-        return _without_pose(regression, ahead, sources)
-    y, _ = regression.run()
-    far = np.isfinite(y).all() and np.any(np.abs(y[:-1]) > _FAR * prior)
+    parts = [part for r, end in pairs for part in cut(r, [slice(end, len(r.time))])]
+    rest = [Readings(r, module, frames) for r in parts]
+    if readings[0].blind:
+        return _without_pose(Regression(model, unknowns, readings), rest, sources)
+    longest = max(used, key=lambda recording: len(recording.time))
+    first = Readings(part_of(longest, slice(_FIRST)), module, frames)
+    y, _ = Regression(model, unknowns, [first]).run()
+    far = np.isfinite(y).all() and np.any(np.abs(y[:-1]) > _FAR * unknowns.prior)
     begin = np.where(far, y[:-1], 0.0)
 
     def fitted(
-        parts: Sequence[Recording], start: Array | None, what: str, numbers: bool = True
+        logs: Sequence[Readings], start: Array, what: str, numbers: bool = True
     ) -> tuple[Smoother, Estimate]:
-        smoother = Smoother(model, unknowns, [Readings(r, module, frames) for r in parts])
+        smoother = Smoother(model, unknowns, logs)
         estimate = smoother.start()
-        if start is None:
-            estimate.shared[: len(begin)] = begin
-        else:
-            estimate.shared = start
-        slacks, held = (_SLACKS, 0) if start is None else (_SLACKS[1:], _HELD)
+        estimate.shared[: len(start)] = start
+        settings = numbers, what == "first samples", 0 if start is begin else _HELD
+        return smoother, smoother.run(
+            estimate, lambda detail, share: progress(f"{what}: {detail}", share), *settings
+        )
 
-        def tell(detail: str, share: float) -> None:
-            progress(f"{what}: {detail}", share)
-
-        roughly = what == "first samples"
-        return smoother, smoother.run(estimate, tell, numbers, slacks, roughly, held)
-
-    start = None
+    start = begin
     if sum(len(r.time) for r in used) > 1.5 * _FIRST:
-        start = fitted([part_of(used[0], slice(_FIRST))], None, "first samples")[1].shared
-    smoother, estimate = fitted(used, start, "all samples")
+        start = fitted([first], begin, "first samples")[1].shared
+    smoother, estimate = fitted(readings, start, "all samples")
     if estimate.settled:
         progress("deviations", 0.0)
         estimate.shared, estimate.covariance = smoother.spread(estimate)
@@ -245,10 +242,8 @@ def model_of(module: ModuleType, recordings: Sequence[Recording]) -> Model:
     return Model(module, recordings[0].step, places, input_noise(recordings, module))
 
 
-def check_given(logs: Sequence[Log], prior: float, hold_out: float) -> None:
-    """Raise `UsageError` for a path at which there is nothing, or shares that are none."""
-    if not prior > 0.0:
-        raise UsageError(f"prior must be above 0, but is {prior:g}")
+def check_given(logs: Sequence[Log], hold_out: float) -> None:
+    """Raise `UsageError` for a path at which there is nothing, or a share that is none."""
     if not 0.0 <= hold_out <= 0.9:
         raise UsageError(f"hold_out, a share, must be from 0 to 0.9, but is {hold_out:g}")
     for log in logs:
@@ -311,9 +306,10 @@ def _by_motion(
     names = [name for name, _ in smoother.model.layout.displacements]
     joints = {*names[smoother.model.layout.displaced.joints]}
     names = [f"joint, {name}" if name in joints else f"pose, along {name}" for name in names]
-    names += [f"IMU at {frame}, {what}" for frame in frames for what in _FELT]
+    felt = felt_names(frames)
+    names += felt
     labels = ["drag of the base, N s/m"] * smoother.model.free
-    labels += [f"bias of the IMU at {frame}, {what}" for frame in frames for what in _FELT]
+    labels += [f"bias of the {name}" for name in felt]
     rest = zip(estimate.shared[f:], np.sqrt(np.diag(whole))[f:], strict=True)
     others = {label: (float(x), float(s)) for label, (x, s) in zip(labels, rest, strict=True)}
     if smoother.model.free:
@@ -349,7 +345,7 @@ def _identified(
         member: f"{name} " * ("payload." in name)
         + f"{value:.5g} ± {deviation:.2g}, identified from {source}"
         for name, value, deviation in zip(unknowns.names, values, deviations, strict=True)
-        for member in unknowns.members(name)[:1]
+        for member in unknowns.members[name][:1]
     }
     contradictions, clauses, robot_file = dict[str, str](), tuple[str, ...](), ""
     if settled:
@@ -391,28 +387,24 @@ def doubted(covariance: Array, prior: Array, doubt: float) -> Array:
 
 def _contradictions(unknowns: Unknowns, z: Array) -> dict[str, str]:
     """Values that the prior all but excludes, in words, by names."""
-    rows = zip(
-        unknowns.names,
-        unknowns.values(np.zeros(len(z))),
-        unknowns.values(z),
-        unknowns.away(z),
-        strict=True,
-    )
+    slopes = unknowns.slopes(0.0 * z)
+    away = np.abs(slopes @ z) / np.linalg.norm(unknowns.prior * slopes, axis=1)
+    rows = unknowns.names, unknowns.values(0.0 * z), unknowns.values(z), away
     return {
         name: f"{name}: {value:.4g} is "
         + (f"{value / before:.3g} times" if before else "far from")
         + (
-            f" the robot file's {before:.4g}, {away:.2g} deviations of the prior away; the free "
+            f" the robot file's {before:.4g}, {far:.2g} deviations of the prior away; the free "
             "numbers alone may not explain the log (if it is right, give a greater --prior)"
         )
-        for name, before, value, away in rows
-        if away > _CONTRADICTS
+        for name, before, value, far in zip(*rows, strict=True)
+        if far > _CONTRADICTS
     }
 
 
 def _advice(unknowns: Unknowns) -> tuple[str, ...]:
     """What to do about a fit that did not settle."""
-    rest = [name for name in unknowns.by_default() if name not in unknowns.names]
+    rest = [name for name in unknowns.chosen(()) if name not in unknowns.names]
     rest = sorted(rest, key=lambda name: "_inertia_" in name or "_com_" in name)[:_PROPOSED]
     advice = [
         f"free the numbers of the robot file that are wrong too, such as {', '.join(rest)} (--free)"
@@ -428,21 +420,17 @@ def _advice(unknowns: Unknowns) -> tuple[str, ...]:
     return (*advice, "the greatest residuals below show what the robot file lacks")
 
 
-_FELT = (
-    *(f"acceleration {axis}" for axis in "xyz"),
-    *(f"angular velocity {axis}" for axis in "xyz"),
-)
-
-
 def unseen(unknowns: Unknowns, covariance: Array, slopes: Array) -> tuple[str, ...]:
     """Directions in which a fit is not much surer than the prior, in words.
 
     `covariance` is that of unknowns, and `slopes` (f, f) derivatives of values by these.
     """
-    shares, directions = np.linalg.eigh(covariance / unknowns.prior**2)
+    covariance = covariance / np.outer(unknowns.prior, unknowns.prior)
+    shares, directions = np.linalg.eigh(covariance)
     # By values over their deviations of the prior: an unknown may be in several moments of inertia.
-    scaled = slopes / np.linalg.norm(slopes, axis=1, keepdims=True)
-    surer = np.sqrt(np.diag(scaled @ covariance @ scaled.T)) / unknowns.prior
+    scaled = slopes * unknowns.prior
+    scaled /= np.linalg.norm(scaled, axis=1, keepdims=True)
+    surer = np.sqrt(np.diag(scaled @ covariance @ scaled.T))
     clauses = dict[str, None]()
     for share, direction in zip(
         np.sqrt(np.maximum(shares, 0.0)), (scaled @ directions).T, strict=True
@@ -463,13 +451,14 @@ def unseen(unknowns: Unknowns, covariance: Array, slopes: Array) -> tuple[str, .
 def _errors_ahead(smoother: Smoother, estimate: Estimate) -> dict[str, float]:
     """Root mean squares of errors of coordinates that are predicted without readings."""
     model, count = smoother.model, len(smoother.q)
+    machine, drag = smoother.machine(estimate.shared)
     steps = round(_AHEAD / model.h / smoother.samples)
     starts = np.arange(0, count - steps, max(1, steps // 2))
     starts = starts[np.array([smoother.follows[k : k + steps].all() for k in starts], dtype=bool)]
     state = {name: values[starts] for name, values in estimate.state.items()}
-    for k in range(steps):
-        after, _ = smoother.stepped(estimate.shared, state, starts + k)
-        state = {**after, "pull": state["pull"]}
+    commands = smoother.command[starts[:, np.newaxis] + np.arange(steps)]
+    for command in commands.reshape(len(starts), -1, commands.shape[-1]).swapaxes(0, 1):
+        state |= model(state, machine, command=command, drag=drag)[0]
     away = model.vehicle.displacement(smoother.q[starts + steps, 0], state["q"])
     known = smoother.has[starts + steps, 0, : model.nd] > 0.0
     d = model.layout.displaced

@@ -1,12 +1,13 @@
-"""A step of a machine, and what its IMUs feel, as a program in C for many states.
+"""Steps of a machine, and what its IMUs feel, as programs in C for many states.
 
-The program takes so little time that its differences cost less than its derivatives would: 26 by
-the state of a quadrotor with an arm take half as long, and nothing is derived or compiled for them.
+They take so little time that their differences cost less than their derivatives would: 26 by the
+state of a quadrotor with an arm take half as long, and nothing is derived or compiled for them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -21,7 +22,7 @@ from gibbs_codegen.machine.sensors import SensedMotion, SensorAt, imu
 from gibbs_codegen.machine.state import State
 from gibbs_codegen.machine.steps import runge_kutta_4
 from gibbs_codegen.runtime.loaded_module import gravity_of
-from gibbs_codegen.runtime.program_blocks import compile_program
+from gibbs_codegen.runtime.program_blocks import BlockProgram, compile_program
 
 # The longest substep, s.
 _SUBSTEP = 2.5e-3
@@ -29,11 +30,10 @@ _NEXT = "q_next", "v_next", "x_next"
 
 
 class MachineNumbers(NamedTuple):
-    """Constants of a module, what a pull is times, and gravity along z, m/s²."""
+    """Constants of a module, and what steps are given besides, such as the `scale` of a pull."""
 
     constants: Any
-    scale: Array
-    gravity: float
+    given: dict[str, Any]
 
 
 class Model:
@@ -97,8 +97,8 @@ class Model:
         motion = SensedMotion(robot, q, v, rates(q, v, x).a, zeros(robot.frames, 6), gravity)
         felt = (imu(motion, SensorAt("imu", frame, ())) for frame in imus)
         outputs["felt"] = join(zeros(0), *felt)
-        program = Program("identification", (*inputs, gravity), outputs)
-        self._program = compile_program(program, module)
+        self._step = Program("identification", (*inputs, gravity), outputs)
+        self._robot, self._program = robot, compile_program(self._step, module)
 
     def machine(self, parameters: Mapping[str, float]) -> MachineNumbers:
         """What steps are given of a machine, by parameters that differ from the robot file."""
@@ -108,7 +108,8 @@ class Model:
             masses = self.module.mass_matrix(neutral, constants=constants)
             scale = np.full(3, masses[upwards, upwards])
         gravity = gravity_of(self.module, self.layout, constants)
-        return MachineNumbers(constants, scale, float(gravity))
+        given = {"scale": scale, "h": self.h, "gravity": [0.0, 0.0, float(gravity)]}
+        return MachineNumbers(constants, given)
 
     def __call__(
         self, state: Mapping[str, Array], machine: MachineNumbers, **others: Any
@@ -117,38 +118,56 @@ class Model:
 
         `others` are the command (…, nu) and the drag.
         """
-        given = {**state, **others, "scale": machine.scale, "h": self.h}
-        given["gravity"] = [0.0, 0.0, machine.gravity]
+        given = {**state, **others, **machine.given}
         out = self._program(given, {"robot": machine.constants})
         after = {name.removesuffix("_next"): np.asarray(out[name], float) for name in _NEXT}
         felt = np.asarray(out["felt"], float)
         return after, felt.reshape(*after["v"].shape[:-1], self._felt)
 
+    def window(self, samples: int, kept: float) -> BlockProgram:
+        """A program of `samples` steps from a state and a `change` of it: what readings are `off`.
+
+        Each step leaves `kept` of the pull. By samples `off` has displacements (nd) of q from what
+        is read, `read_0` and so on, and what IMUs feel beyond `felt` (samples, 6 i); at its end it
+        has the way (nd + nv + nx) from the next state, `next_q`, `next_v` and `next_x`.
+        """
+        robot, (q, v, x, command, pull, *shared) = self._robot, self._step.inputs
+        ends = np.cumsum([0, self.nd, self.nv, self.nx, self.pulls]).tolist()
+        change = variable("change", ends[-1])
+        of_q, *others = (change[begin:end] for begin, end in pairwise(ends))
+        series = [
+            variable("commands", samples, command.size),
+            variable("felt", samples, self._felt),
+        ]
+        read = [robot.coordinates(f"read_{k}") for k in range(samples)]
+        ahead = [robot.coordinates("next_q")]
+        ahead += [variable(f"next_{name}", y.size) for name, y in (("v", v), ("x", x))]
+        given = q, v, x, pull, change, *series, *read, *ahead, *shared
+        v, x, pull = (y + z for y, z in zip((v, x, pull), others, strict=True))
+        q, off = robot.displaced(q, of_q), []
+        for command, felt, place in zip(*series, read, strict=True):
+            feels = self._step.results(q, v, x, command, pull, *shared)
+            off += [robot.displacement(place, q), feels["felt"] - felt]
+            (q, v, x), pull = (feels[name] for name in _NEXT), kept * pull
+        off += [robot.displacement(ahead[0], q), v - ahead[1], x - ahead[2]]
+        return compile_program(Program("window", given, {"off": join(*off)}), self.module)
+
     def levels(self, commands: Array, constants: Any = None) -> Array:
         """States of actuators (s, nx) by commands (s, nu) alone, by Euler's method."""
-        module, times = self.module, np.array(self._times)
+        module, share = self.module, -np.expm1(-self.h / np.array(self._times))
         parts = max(1, round(self.h / _SUBSTEP))
-        step = self.h / parts
         if not self.nx:
             return np.zeros((len(commands), 0))
-        if not times.size:
-            start = module.actuator_state_of(commands[0])
-
-            def rates(x: Array, command: Array) -> Array:
-                return np.asarray(module.actuator_rates(x, command, constants))
-
-        else:
-            start = commands[0, self._lagging]
-            share = times * -np.expm1(-step / times) / step
-
-            def rates(x: Array, command: Array) -> Array:
-                return share * (command[self._lagging] - x) / times
-
+        lags, followed = bool(self._times), commands[:, self._lagging]
+        x = followed[0] if lags else module.actuator_state_of(commands[0])
         levels = np.empty((len(commands), self.nx))
         for k, command in enumerate(commands):
-            levels[k] = start
+            levels[k] = x
+            if lags:
+                x = x + share * (followed[k] - x)
+                continue
             for _ in range(parts):
-                start = start + step * rates(start, command)
+                x = x + self.h / parts * np.asarray(module.actuator_rates(x, command, constants))
         return levels
 
     def pace(self, commands: Array, constants: Any) -> bytes:
@@ -163,8 +182,3 @@ class Model:
         q, v, x, pull = np.split(change, np.cumsum([self.nd, self.nv, self.nx]), axis=-1)
         after = {"q": self.vehicle.displaced(state["q"], q), "v": state["v"] + v}
         return after | {"x": state["x"] + x, "pull": state["pull"] + pull}
-
-    def away(self, state: Mapping[str, Array], other: Mapping[str, Array]) -> Array:
-        """The changes (…, nd + nv + nx) of q, v and x from a state to another."""
-        q = self.vehicle.displacement(state["q"], other["q"])
-        return np.concatenate([q, other["v"] - state["v"], other["x"] - state["x"]], axis=-1)

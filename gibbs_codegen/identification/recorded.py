@@ -294,6 +294,12 @@ def _filled(series: Array) -> Array:
     return filled
 
 
+def felt_names(frames: Sequence[str]) -> list[str]:
+    """What is said of readings of IMUs (6 each) at frames."""
+    kinds = [f"{kind} {axis}" for kind in ("acceleration", "angular velocity") for axis in "xyz"]
+    return [f"IMU at {frame}, {kind}" for frame in frames for kind in kinds]
+
+
 def _turn(module: Any, layout: Layout, frames: Sequence[str]) -> tuple[int, Array]:
     """Which of some frames is on the base, the first of all, and its axes (3, 3) in the base's.
 

@@ -18,7 +18,7 @@ from scipy.signal import butter, sosfiltfilt
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.identification.model import Model
-from gibbs_codegen.identification.recorded import Readings
+from gibbs_codegen.identification.recorded import Readings, felt_names
 from gibbs_codegen.identification.unknowns import Unknowns
 
 _log = logging.getLogger("gibbs_codegen")
@@ -74,10 +74,10 @@ class Regression:
             self._places = self._places[layout.v.attitude.start :]
         self._felt = [k for k in range(logs[0].felt.shape[1] * self.blind) if k % 6 < 3]
         self.names = [f"acceleration along {model.module.VELOCITIES[k]}" for k in self._places]
-        frames = logs[0].frames
-        self.names += [f"IMU at {frames[k // 6]}, acceleration {'xyz'[k % 6]}" for k in self._felt]
+        felt = felt_names(logs[0].frames)
+        self.names += [felt[k] for k in self._felt]
         delay = _DELAY if self.blind else _NO_DELAY
-        self.prior = np.array([*[unknowns.prior] * len(unknowns.names), delay])
+        self.prior = np.append(unknowns.prior, delay)
         self._sizes = np.array([*[1.0] * len(unknowns.names), delay])
         self._states = [
             {
@@ -89,13 +89,8 @@ class Regression:
         ]
         # Commands and states of actuators, of each log, by what decides these.
         self._known = [dict[tuple[float, bytes], tuple[Array, Array]]() for _ in self.logs]
-        nothing = np.zeros((0, len(self.names)))
-        self.measured = np.concatenate(
-            [
-                nothing,
-                *(self._passed(np.diff(log.rates, axis=0), log.felt_filled) for log in self.logs),
-            ]
-        )
+        passed = (self._passed(np.diff(log.rates, axis=0), log.felt_filled) for log in self.logs)
+        self.measured = np.concatenate([np.zeros((0, len(self.names))), *passed])
 
     def _passed(self, changes: Array, felt: Array) -> Array:
         """Rows of what steps change of velocities, and of what IMUs feel, without what is fast."""

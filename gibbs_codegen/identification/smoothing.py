@@ -18,7 +18,7 @@ of numbers alone (Laplace's approximation): without it a scale of all forces cam
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -28,7 +28,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
 from gibbs_codegen.flight.vectors import Array
-from gibbs_codegen.identification.model import Model
+from gibbs_codegen.identification.model import MachineNumbers, Model
 from gibbs_codegen.identification.recorded import Readings
 from gibbs_codegen.identification.unknowns import Unknowns
 
@@ -50,6 +50,9 @@ _SETTLED, _ROUGHLY, _SAME, _MOST, _FAR = 0.05, 1.0, 0.1, 30, 0.5
 # Middles of bins where the likelihood bends: deviations from one to the next, with which a normal
 # law keeps its deviation, cost from which on none follows, and how many at most to a side.
 _APART, _UNLIKELY, _POINTS = 1.4, 0.9, 5
+# How much more than its deviations steps may leave to begin with; for how many iterations each at
+# most, and changes, in deviations, at which the next follows.
+_SLACKS, _WAIT, _NEAR = (30.0, 10.0, 3.0), 8, 10.0
 # Iterations in a row, after which a fit ends that comes no nearer.
 _STUCK = 6
 # The least share of a change that is taken.
@@ -110,14 +113,12 @@ class Smoother:
         sizes = np.repeat([_OF_Q, _OF_V, _OF_X], [model.nd, model.nv, model.nx])
         self.step_weights = 1.0 / (sizes * np.sqrt(self.samples * model.h))
         # What is left of a pull after a sample, and until the next state.
-        self._kept = np.exp(-model.h / _WIND_TIME) if model.free else 0.0
-        self.left = self._kept**self.samples
+        kept = float(np.exp(-model.h / _WIND_TIME)) if model.free else 0.0
+        self.left, self._window = kept**self.samples, model.window(self.samples, kept)
         self.imus = self.felt.shape[2]
-        prior = [unknowns.prior] * len(unknowns.names)
-        if model.free:
-            prior.append(_DRAG * float(model.machine({}).scale[0]))
-        prior += ([_BIASES[0]] * 3 + [_BIASES[1]] * 3) * (self.imus // 6)
-        self.prior = np.array(prior)
+        drag = [_DRAG * float(model.machine({}).given["scale"][0])] * model.free
+        biases = ([_BIASES[0]] * 3 + [_BIASES[1]] * 3) * (self.imus // 6)
+        self.prior = np.array([*unknowns.prior, *drag, *biases])
         firsts = zip(
             *([log.guess, log.rates, model.levels(log.commands)] for log in logs), strict=True
         )
@@ -132,67 +133,57 @@ class Smoother:
         wind = np.full(self.model.pulls, _WIND if self.model.free else 1.0)
         return Estimate(np.zeros(len(self.prior)), self.first, wind)
 
-    def stepped(
-        self, shared: Array, state: dict[str, Array], rows: Any = _ALL
-    ) -> tuple[dict[str, Array], list[tuple[Array, Array]]]:
-        """The next states by their rows, and q and what IMUs feel at samples until then."""
-        machine = self._machine(shared[: len(self.unknowns.names)].tobytes())
-        drag = shared[len(self.unknowns.names)] if self.model.free else 0.0
-        biases, seen = shared[len(shared) - self.imus :], []
-        for k in range(self.samples):
-            command = self.command[rows, k]
-            after, felt = self.model(state, machine, command=command, drag=drag)
-            seen.append((state["q"], felt + biases))
-            state = {**after, "pull": self._kept * state["pull"]}
-        return state, seen
+    def machine(self, shared: Array) -> tuple[MachineNumbers, float]:
+        """A machine and its drag by what is shared."""
+        f = len(self.unknowns.names)
+        drag = float(shared[f]) if self.model.free else 0.0
+        return self._machine(shared[:f].tobytes()), drag
 
-    def _away(
-        self, seen: Sequence[tuple[Array, Array]], others: Sequence[tuple[Array, Array]]
-    ) -> Array:
-        """What q and IMUs are off at all samples from others (s, m)."""
-        away = self.model.vehicle.displacement
-        pairs = zip(seen, others, strict=True)
-        parts = [part for a, b in pairs for part in (away(a[0], b[0]), b[1] - a[1])]
-        return np.concatenate(parts, axis=1)
+    def _given(self, state: Mapping[str, Array], rows: Any = _ALL) -> dict[str, Array]:
+        """Some states, each with the next one and what was read from it to that."""
+        ahead = {f"next_{name}": np.roll(state[name], -1, axis=0) for name in "qvx"}
+        series = {"commands": self.command, "felt": self.felt}
+        series |= {f"read_{k}": self.q[:, k] for k in range(self.samples)}
+        return {name: x[rows] for name, x in {**state, **ahead, **series}.items()}
+
+    def _off(self, shared: Array, given: Mapping[str, Array], change: Array) -> Array:
+        """What readings and next states are off (s, ·), without biases, after a change."""
+        machine, drag = self.machine(shared)
+        numbers = {**given, **machine.given, "change": change, "drag": drag}
+        return np.asarray(self._window(numbers, {"robot": machine.constants})["off"], float)
 
     def _residuals(self, estimate: Estimate) -> tuple[Array, Array, Array]:
         """Weighted readings (s, m), what steps leave (s, n), and prior."""
-        state = estimate.state
-        after, seen = self.stepped(estimate.shared, state)
-        read = [(self.q[:, k], self.felt[:, k]) for k in range(self.samples)]
-        misses = self._away(read, seen) * self._weights
-        ahead = {name: np.roll(values, -1, axis=0) for name, values in state.items()}
-        pulls = after["pull"] - ahead["pull"]
-        gaps = np.concatenate([self.model.away(ahead, after), pulls], axis=1)
-        gaps *= self._step_weights(estimate) * self.follows
-        return misses, gaps, estimate.shared / self.prior
+        state, shared, weights = estimate.state, estimate.shared, self._step_weights(estimate)
+        off, pull = self._off(shared, self._given(state), np.zeros(len(weights))), state["pull"]
+        misses, gaps = np.split(off, [self._weights.shape[1]], axis=1)
+        biases = np.append(np.zeros(self.model.nd), shared[len(shared) - self.imus :])
+        misses = (misses + np.tile(biases, self.samples)) * self._weights
+        gaps = np.concatenate([gaps, self.left * pull - np.roll(pull, -1, axis=0)], axis=1)
+        return misses, gaps * weights * self.follows, shared / self.prior
 
     def _step_weights(self, estimate: Estimate) -> Array:
         calm = 1.0 / (estimate.wind * np.sqrt(1.0 - self.left**2))
         return np.concatenate([self.step_weights / estimate.slack, calm])
 
     def _slopes(self, estimate: Estimate, free: int, residuals: Array, rows: Any) -> Array:
-        """Slopes of readings and gaps along states and what is shared, and these (s, ·, m + n)."""
+        """Slopes of readings and gaps along states and what is shared, and these (·, s, m + n)."""
         model, shared, weights = self.model, estimate.shared, self._step_weights(estimate)
-        state = {name: values[rows] for name, values in estimate.state.items()}
-        (after, seen), n = self.stepped(shared, state, rows), len(weights)
-        reads = self._weights.shape[1]
-        slopes = np.zeros((len(after["q"]), n + free + 1, reads + n))
+        given, n, reads = self._given(estimate.state, rows), len(weights), self._weights.shape[1]
+        slopes = np.zeros((n + free + 1, len(given["q"]), reads + n))
         pulls = np.arange(-model.pulls, 0)
-        slopes[:, n + pulls, reads + n + pulls] = self.left
+        slopes[n + pulls, :, reads + n + pulls] = _STEP * self.left
         biases = np.arange(self.imus * bool(free))
         for k in range(self.samples):
             felt = k * (model.nd + self.imus) + model.nd + biases
-            slopes[:, n + free - len(biases) + biases, felt] = 1.0
+            slopes[n + free - len(biases) + biases, :, felt] = _STEP
+        here, told = self._off(shared, given, np.zeros(n)), slopes[..., : reads + n - model.pulls]
         for place, way in enumerate(_STEP * np.eye(n + free - len(biases), n + len(shared))):
-            moved = model.moved(state, way[:n]) if place < n else state
-            other, others = self.stepped(shared + way[n:], moved, rows)
-            change = np.concatenate([self._away(seen, others), model.away(after, other)], axis=1)
-            slopes[:, place, : reads + n - model.pulls] = change / _STEP
+            told[place] = self._off(shared + way[n:], given, way[:n]) - here
         heavy = np.concatenate([self._weights[rows], weights * self.follows[rows]], axis=1)
-        slopes *= heavy[:, np.newaxis]
-        slopes[:, -1] = residuals[rows]
-        misses = np.abs(residuals[rows, np.newaxis, :reads])
+        slopes *= heavy / _STEP
+        slopes[-1] = residuals[rows]
+        misses = np.abs(residuals[rows, :reads])
         slopes[..., :reads] *= np.sqrt(_OUTLIER / np.maximum(misses, _OUTLIER))
         return slopes
 
@@ -206,10 +197,10 @@ class Smoother:
         slopes = self._slopes(estimate, free, residuals, rows)
         weights = self._step_weights(estimate)
         n = len(weights)
+        flat, slopes = slopes[n:].reshape(free + 1, -1), slopes.transpose(1, 0, 2)
         squares = slopes[:, :n] @ slopes.transpose(0, 2, 1)
         steps = slopes[..., -n:] * weights
         lines = np.concatenate([-steps[:, :n], squares[..., n:]], axis=2)
-        flat = slopes[:, n:].transpose(1, 0, 2).reshape(free + 1, -1)
         return [squares[..., :n], lines, steps[:, n:], flat @ flat.T]
 
     def _eliminated(self, estimate: Estimate, free: int) -> tuple[Array, Array, Array]:
@@ -261,7 +252,7 @@ class Smoother:
 
         def slopes(way: Array) -> Array:
             there = replace(estimate, shared=estimate.shared + way)
-            return self._slopes(there, 0, residuals, rows)[:, :n]
+            return self._slopes(there, 0, residuals, rows)[:n].transpose(1, 0, 2)
 
         steps = 0.1 * np.sqrt(np.diag(estimate.covariance))
         at = slopes(0.0 * steps)
@@ -349,23 +340,23 @@ class Smoother:
         estimate: Estimate,
         tell: Callable[[str, float], None],
         numbers: bool = True,
-        slacks: Sequence[float] = (),
         roughly: bool = False,
         held: int = 0,
     ) -> Estimate:
         """The most likely estimate from another on, of the motion alone without `numbers`.
 
         What another fit begins at is found `roughly`: within a deviation, and without the tilt.
-        Steps may leave `slacks` times as much in the first iterations, and numbers are `held` in as
-        many, until the motion is theirs. Costs are no guide on the way: a step that changes numbers
-        leaves what equations that are so sure punish at once, and the next one takes back. So
-        numbers take a share of their changes, by the last one (Aitken).
+        At first steps may leave more: from afar, equations that are sure at once lead astray. The
+        first iterations hold numbers, `held` of them, until the motion is theirs. Costs are no
+        guide on the way: a step that changes numbers leaves what equations that are so sure punish
+        at once, and the next one takes back. So numbers take a share of their changes, by the last
+        one (Aitken).
         """
-        last, share, stuck = np.zeros(0), 1.0, 0
+        last, share, stuck, level = np.zeros(0), 1.0, 0, 0
         for iteration in range(_MOST):
             free = len(self.prior) if numbers and iteration >= held else 0
-            early = iteration < len(slacks)
-            estimate = replace(estimate, slack=slacks[iteration] if early else 1.0)
+            early = level < len(_SLACKS)
+            estimate = replace(estimate, slack=_SLACKS[level] if early else 1.0)
             with np.errstate(all="ignore"):
                 change, covariance, states = self._solved(estimate, free)
                 deviations = np.sqrt(np.diag(covariance))
@@ -392,6 +383,7 @@ class Smoother:
             detail = f"iteration {iteration + 1}" + f", change {size:.2g} deviations" * numbers
             tell(detail, 1.0 - 1.0 / (2.0 + iteration))
             if early:
+                level += size < _NEAR or iteration >= _WAIT * (level + 1)
                 continue
             # What further iterations would change, if each changes less by the same factor.
             rest = size**2 / max(was - size, 0.1 * size, 1e-9)

@@ -10,7 +10,7 @@ is a point: a part of its mass times exp(z) to begin with, anywhere around its o
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from types import ModuleType
 
@@ -23,6 +23,9 @@ from gibbs_codegen.robot.parts.base import FIXED
 from gibbs_codegen.robot.parts.body import entries_of, inertia_matrix
 from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, XYZ
 
+# The deviation of the prior, a share, where none is given.
+PRIOR = 0.3
+Prior = float | Mapping[str, float]
 # Free by default: what a drawing does not tell.
 _FREE = re.compile(
     r"(mass|com_[xyz]|inertia_(xx|yy|zz|xy|xz|yz)|mass_per_length|thrust_\d|drag|time_constant"
@@ -45,17 +48,17 @@ class Unknowns:
     """Unknowns (f) of a module by their `names`, of those that patterns choose, or by default.
 
     `names` are those of parameters, or as `rotors.thrust_1` of all rotors alike, which keep their
-    ratios. A centre of mass is in doubt by `prior` of the radius of gyration, the place of a
-    frame by that share of 0.1 m, all else by that share.
+    ratios. `prior` (f) are standard deviations: shares of a number, for a centre of mass of the
+    radius of gyration, for the place of a frame of 0.1 m.
 
     Raises `UsageError` for a pattern that chooses nothing, or what cannot be free.
     """
 
-    def __init__(self, module: ModuleType, free: Sequence[str], prior: float) -> None:
-        self.module, self.prior = module, prior
+    def __init__(self, module: ModuleType, free: Sequence[str], prior: Prior) -> None:
+        self.module = module
         self.file = {name: float(value) for name, value in module.PARAMETERS.items()}
-        self._members = self._ties() | {name: (name,) for name in self.file} | self._loads()
-        self.names = self._chosen(free)
+        self.members = self._ties() | {name: (name,) for name in self.file} | self._loads()
+        self.names = self.chosen(free)
         if not self.names:
             raise UsageError(f"{module.NAME}: no number is free by default; give some (--free)")
         self._bodies, self._scales = self._bodies_of(), dict[str, float]()
@@ -67,11 +70,25 @@ class Unknowns:
                 self._scales[name] = _PLACE
             elif "_com_" in name:
                 self._scales[name] = self._gyration(name.partition("_com_")[0])
-            elif any(self.file[member] == 0.0 for member in self._members[name]):
+            elif any(self.file[member] == 0.0 for member in self.members[name]):
                 raise UsageError(
                     f"--free {name}: is 0 in the robot file, and the fit scales numbers; give it "
                     "an initial value there, or leave it out"
                 )
+        self.prior = np.full(len(self.names), PRIOR)
+        for pattern, share in (prior if isinstance(prior, Mapping) else {"*": prior}).items():
+            self.prior[self._expected(pattern, share)] = share
+
+    def _expected(self, pattern: str, share: float) -> list[int]:
+        """Places of numbers that a pattern of the prior chooses: one moment for all of its body."""
+        if not share > 0.0:
+            raise UsageError(f"--prior {pattern}: must be above 0, but is {share:g}")
+        chosen = {name for name in self.names if _chooses(pattern, name)}
+        if not chosen and pattern != "*":
+            words = f"chooses none of the numbers that are free: {', '.join(self.names)}"
+            raise UsageError(f"--prior {printable(pattern)}: {words}")
+        chosen = chosen.union(*(names for names in self._bodies.values() if chosen & {*names}))
+        return [self.names.index(name) for name in chosen]
 
     def _ties(self) -> dict[str, tuple[str, ...]]:
         """Numbers that all rotors have, by what they are called together."""
@@ -103,14 +120,14 @@ class Unknowns:
                 "generate the module with --all-parameters"
             )
         self.file[name] = _LIGHT * self.file[f"{body}_mass"] if end == "mass" else 0.0
-        self._scales[name] = (_ANY_MASS if end == "mass" else _ANYWHERE) / self.prior
+        self._scales[name] = (_ANY_MASS if end == "mass" else _ANYWHERE) / PRIOR
 
-    def _chosen(self, free: Sequence[str]) -> list[str]:
-        """Names that patterns choose, in the order of the file."""
-        tied = {m for name, row in self._members.items() if name.startswith(_ROTORS) for m in row}
+    def chosen(self, free: Sequence[str]) -> list[str]:
+        """Names that patterns choose, in the order of the file; without patterns, by default."""
+        tied = {m for name, row in self.members.items() if name.startswith(_ROTORS) for m in row}
         untold = [
             name
-            for name, row in self._members.items()
+            for name, row in self.members.items()
             if _FREE.search(name)
             and not name.startswith(f"{_PAYLOAD}.")
             and all(self.file[n] != 0.0 or "_com_" in n for n in row)
@@ -122,18 +139,12 @@ class Unknowns:
             return by_default
         chosen = dict[str, None]()
         for pattern in free:
-            whole = f"{pattern}_*" if pattern.startswith(f"{_PAYLOAD}.") else pattern
-            names = [
-                name
-                for name in self._members
-                if (fnmatchcase(name, pattern) or fnmatchcase(name, whole))
-                and pattern.startswith(f"{_PAYLOAD}.") == name.startswith(f"{_PAYLOAD}.")
-            ]
+            names = [name for name in self.members if _chooses(pattern, name)]
             if len(names) > 1:  # A pattern chooses no lengths, and rotors' numbers one by one.
                 names = [name for name in names if name in untold] or names
             if not names:
                 carried = pattern.startswith(f"{_PAYLOAD}.")
-                known = {n.rpartition("_")[0] for n in self._loads()} if carried else self._members
+                known = {n.rpartition("_")[0] for n in self._loads()} if carried else self.members
                 hint = near(pattern, known) or "."
                 raise UsageError(
                     f"--free {printable(pattern)}: {self.module.NAME} has no such number other "
@@ -151,12 +162,12 @@ class Unknowns:
         both = [
             name
             for name in chosen
-            if name.startswith(_ROTORS) and {*self._members[name]} & {*chosen}
+            if name.startswith(_ROTORS) and {*self.members[name]} & {*chosen}
         ]
         if both:
-            member = next(name for name in self._members[both[0]] if name in chosen)
+            member = next(name for name in self.members[both[0]] if name in chosen)
             raise UsageError(f"--free {both[0]}: {member} is free by itself too; give one of them")
-        return [name for name in self._members if name in chosen]
+        return [name for name in self.members if name in chosen]
 
     def _bodies_of(self) -> dict[str, tuple[str, ...]]:
         """Names of moments and products of inertia that are free, by bodies, where three are."""
@@ -177,25 +188,6 @@ class Unknowns:
         """The radius of gyration, m, of a body; 1 cm of a point."""
         mass, inertia = self.file.get(f"{body}_mass", 0.0), self._inertia(body)
         return max(float(np.sqrt(sum(inertia[:3]) / (2 * mass))), 0.01) if mass > 0.0 else 0.01
-
-    def members(self, name: str) -> tuple[str, ...]:
-        """Parameters that one of the numbers stands for."""
-        return self._members[name]
-
-    def by_default(self) -> list[str]:
-        """Names that are free where no pattern is given."""
-        return self._chosen(())
-
-    def away(self, z: Array) -> Array:
-        """How far values (f) are from those of the file, in deviations of the prior."""
-        before, after = self.values(np.zeros_like(z)), self.values(z)
-        change, same = np.abs(after - before), before * after > 0.0
-        factors = same & ~np.isin(self.names, [n for n in self._scales if not n.endswith("_mass")])
-        change[factors] = np.abs(
-            before * np.log(np.where(same, after, 1.0) / np.where(same, before, 1.0))
-        )[factors]
-        size: Array = self.prior * np.linalg.norm(self.slopes(np.zeros_like(z)), axis=1)
-        return change / size
 
     def parameters(self, z: Array) -> dict[str, float]:
         """Parameters of the module, those that differ from the robot file, by unknowns (f)."""
@@ -235,7 +227,7 @@ class Unknowns:
             if name.startswith(f"{_PAYLOAD}."):
                 continue
             scale = self._scales.get(name)
-            for member in self._members[name]:
+            for member in self.members[name]:
                 p = self.file[member]
                 changed[member] = p * float(np.exp(value)) if scale is None else p + scale * value
         for body, names in self._bodies.items():
@@ -266,7 +258,7 @@ class Unknowns:
         """Values (f) of the numbers, of rotors those of the first."""
         own = self._own_parameters(z)
         own |= {f"{_PAYLOAD}.{name}": value for name, value in self._carried(z).items()}
-        return np.array([own.get(name, own.get(self._members[name][0])) for name in self.names])
+        return np.array([own.get(name, own.get(self.members[name][0])) for name in self.names])
 
     def before(self) -> Array:
         """Values (f) of the robot file, which has no loads."""
@@ -279,6 +271,13 @@ class Unknowns:
         return np.array([(self.values(z + s) - self.values(z - s)) for s in steps]).T / (
             2 * _DIFFERENCE
         )
+
+
+def _chooses(pattern: str, name: str) -> bool:
+    """Whether a pattern chooses a number: of loads only by their name, which stands for all."""
+    if not pattern.startswith(f"{_PAYLOAD}."):
+        return fnmatchcase(name, pattern) and not name.startswith(f"{_PAYLOAD}.")
+    return fnmatchcase(name, pattern) or fnmatchcase(name, f"{pattern}_*")
 
 
 def _numbers_of(body: str) -> tuple[str, ...]:

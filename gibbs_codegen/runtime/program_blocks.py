@@ -76,7 +76,9 @@ class BlockProgram:
             raise UsageError(f"{program.name}: {counts} states do not go together") from None
         rows = [
             np.ascontiguousarray(
-                array if math.prod(lead) == 1 else np.broadcast_to(array, (*batch, *x.shape))
+                array
+                if lead == batch or math.prod(lead) == 1
+                else np.broadcast_to(array, (*batch, *x.shape))
             )
             for array, lead, (_, x) in zip(arrays, leads, pairs, strict=True)
         ]

@@ -99,7 +99,7 @@ def test_a_fit_that_does_not_settle_says_so_and_writes_no_robot_file(
     assert "IMU" not in found.text(), "a base that cannot move has no biases"
     monkeypatch.setattr("gibbs_codegen.cli.identify.identify", lambda *_: found)
     options = {"logs": [str(tmp_path)], "design": None, "out": str(tmp_path / "new"), "name": []}
-    options |= {"robot": str(module.__path__[0]), "free": [], "prior": 0.3, "hold_out": 0.0}
+    options |= {"robot": str(module.__path__[0]), "free": [], "prior": [], "hold_out": 0.0}
     options |= {"between": (0.0, np.inf), "room": 1.0}
     assert command(argparse.Namespace(**options)) == 1
     assert "did not converge" in capsys.readouterr().err

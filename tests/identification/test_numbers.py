@@ -89,6 +89,18 @@ def test_what_cannot_be_free_is_refused(module, free, words) -> None:
         Unknowns(module, free, 0.3)
 
 
+@pytest.mark.parametrize(
+    ("prior", "words"),
+    [
+        ({"bse_mass": 0.01}, "bse_mass: chooses none"),
+        (0.0, "must be above 0"),
+    ],
+)
+def test_what_is_no_prior_is_refused(module, prior, words) -> None:
+    with pytest.raises(UsageError, match=re.escape(words)):
+        Unknowns(module, ["base_*"], prior)
+
+
 def test_one_moment_frees_all_of_its_body(module) -> None:
     names = Unknowns(module, ["base_inertia_yy"], 0.3).names
     assert names == ["base_inertia_xx", "base_inertia_yy", "base_inertia_zz"]
@@ -295,7 +307,7 @@ def test_patterns_of_what_may_be_zero_keep_zeros(tmp_path, monkeypatch, free, ze
         "name": [],
         "design": None,
         "free": [free],
-        "prior": 0.3,
+        "prior": [],
         "hold_out": 0.0,
         "room": 1.0,
     }

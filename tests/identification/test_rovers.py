@@ -70,6 +70,19 @@ def test_numbers_of_a_rover_are_found_within_their_deviations(flight, captured: 
     assert all(after < before for before, after in found.prediction.values())
 
 
+def test_a_prior_of_a_number_adds_to_what_the_log_tells_of_it(flight) -> None:
+    module = compiled_module(parse_robot(ROVER))
+    recording = recording_of(flight, module, "bends")
+    model, told = model_of(module, [recording]), []
+    for prior in (0.3, {"*": 0.1, "base_*": 0.02, "base_mass": 0.01}):
+        unknowns = Unknowns(module, [*REAL], prior)
+        smoother = Smoother(model, unknowns, [Readings(recording, module, ())])
+        told.append(np.linalg.inv(smoother.covariance(smoother.start())))
+    sizes = {"base_mass": 0.01, "arm_com_x": 0.1}
+    more = [sizes.get(name, 0.02) ** -2 - 0.3**-2 for name in unknowns.names]
+    np.testing.assert_allclose(told[1] - told[0], np.diag(more), atol=1e-8 * np.max(told))
+
+
 def test_how_certain_states_are_is_that_of_the_dense_equations(flight, monkeypatch) -> None:
     """The determinant by differences of residuals along all states, and its slope by numbers."""
     module = compiled_module(parse_robot(ROVER))
