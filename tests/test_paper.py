@@ -29,7 +29,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("paper")
     told = run("paper", "--out", "new", cwd=place)
     assert (told.returncode, told.stderr.count("\n")) == (0, told.stderr.count("hexarotor_3link:"))
-    assert "\nwritten to new: the page, index.html, and index.md;" in told.stdout
+    assert "\nwritten to new: the page, index.html, index.md;" in told.stdout
     assert told.stdout.count("digits") == 1
     return place / "new"
 

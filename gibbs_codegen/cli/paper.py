@@ -22,8 +22,8 @@ def run(options: argparse.Namespace) -> int:
     print(f"{'':{width}}  largest error    digits")
     for residual in residuals:
         print(f"{residual.what:{width}}  {residual.text:15}  {residual.digits:4.1f}")
-    print(f"written to {printable(options.out)}: the page, index.html, and index.md;", end=" ")
-    print("these numbers, residuals.csv")
+    place = printable(options.out)
+    print(f"written to {place}: the page, index.html, index.md; these numbers, residuals.csv")
     if not SETS_FORMULAS:
         print("formulas stand as LaTeX; to set them: pip install 'gibbs_codegen[paper]'")
     return 0

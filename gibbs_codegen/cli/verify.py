@@ -37,7 +37,11 @@ def run(options: argparse.Namespace) -> int:
         if options.json:
             print(json.dumps(as_data(checked) | {"passed": passed}, indent=2))
         else:
-            print("\n".join(every_row(checked) if options.rows else summary(checked)))
+            lines = summary(checked)
+            if options.rows:
+                found = checked.comparisons.items()
+                lines = [f"{x}: {failure_text(row)}" for x, rows in found for row in rows]
+            print("\n".join(lines))
             for what, reason in checked.not_done.items():
                 print(f"{what}: not compared: {reason}")
             if passed:
@@ -70,8 +74,7 @@ def as_data(verification: Verification) -> dict[str, Any]:
         "backends": {
             backend: [
                 asdict(c)
-                | {"error": c.error if math.isfinite(c.error) else None}
-                | {"passed": c.passed}
+                | {"error": c.error if math.isfinite(c.error) else None, "passed": c.passed}
                 for c in comparisons
             ]
             for backend, comparisons in verification.comparisons.items()
@@ -91,23 +94,12 @@ def summary(verification: Verification) -> list[str]:
     width = max(map(len, kinds), default=0)
     lines = [f"{'compared with':{width}}  results  states  worst error    limit"]
     for kind, rows in kinds.items():
-        worst = max(rows, key=_nearness)
+        worst = max(rows, key=lambda x: (not x.passed, x.error / (x.limit or 1.0)))
         error, limit = shown(worst)
         words = f"{limit if worst.limit else 'equal':>7}{'' if worst.passed else '  FAILS'}"
         states = max(x.states for x in rows) or "-"
         lines.append(f"{kind:{width}}  {len(rows):7}  {states:>6}  {error:>11}  {words}")
     return [*lines, "Errors are shares of the terms of which a result is the sum."]
-
-
-def _nearness(comparison: Comparison) -> tuple[bool, float]:
-    limit = comparison.limit
-    return not comparison.passed, comparison.error / limit if limit else comparison.error
-
-
-def every_row(verification: Verification) -> list[str]:
-    """A line for each comparison."""
-    found = verification.comparisons.items()
-    return [f"{backend}: {failure_text(row)}" for backend, rows in found for row in rows]
 
 
 def failure_lines(verification: Verification) -> list[str]:

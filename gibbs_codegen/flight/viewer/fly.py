@@ -24,7 +24,6 @@ from gibbs_codegen.flight.viewer.machine import DrawnMachine, joint_points, roto
 from gibbs_codegen.flight.viewer.page import ViewPage
 from gibbs_codegen.machine.base import RETURN
 from gibbs_codegen.machine.laws import LAWS
-from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.runtime.web import web_files
 
 # What the page calls.
@@ -116,7 +115,12 @@ def _described(machine: DrawnMachine, law: str | None) -> dict[str, Any]:
         "full": [usual[unit] for unit in units],
         "lags": [vehicle.description("TIME_CONSTANTS").get(name, 0.0) for name in inputs],
         "rate": _RATE,
-        "drive": layout.has_drive and _drive(layout),
+        # Places of ahead and turning in v, of heading, x and y in q.
+        "drive": layout.has_drive
+        and [
+            *map(layout.v.names.index, ("vx", "wz")),
+            *map(layout.q.names.index, ("yaw", "x", "y")),
+        ],
         "position": [("xyz".index(names[i]), i) for i in range(len(names))[layout.q.position]],
         **_controls(machine, law, q),
         **_gains(machine, law),
@@ -148,14 +152,6 @@ def _start(machine: DrawnMachine) -> Array:
         low, high = machine.joint_limits
         q[vehicle.arm] = authority_posture(vehicle, (low, high), q[vehicle.arm])
     return q
-
-
-def _drive(layout: Layout) -> list[int]:
-    """Places of ahead and turning in v, of heading, x and y in q."""
-    return [
-        *(layout.v.names.index(name) for name in ("vx", "wz")),
-        *(layout.q.names.index(name) for name in ("yaw", "x", "y")),
-    ]
 
 
 def _controls(machine: DrawnMachine, law: str | None, q: Array) -> dict[str, Any]:
