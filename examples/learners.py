@@ -34,6 +34,7 @@ def by_gradients(envs, actor, share):
     while (done := share()) < 1.0:
         optimizer.param_groups[0]["lr"] = 2e-3 * (1.02 + math.cos(math.pi * done))
         anew = torch.rand(envs.num_envs).numpy() < 0.12
+        anew |= ~anew.any()  # Few machines: if none is drawn, all are.
         seen, _ = envs.reset(options={"reset_mask": anew})
         rewards = []
         for _ in range(WINDOWS["gradients"]):
