@@ -162,14 +162,14 @@ def wheel_sketch() -> Figure:
         draw_bar(axes, elbow, spot(0.25, -2.0), "0.85", 5.0)
         axes.plot(*elbow, "s", ms=7, color=DARK, zorder=8)
         draw_arrow(axes, elbow, elbow - spot(0.95, 0.0), THRUST)
-        draw_name(axes, r"needs $\omega^2 r\,\mathrm{d}m$", spot(2.65, -1.3), THRUST)
+        draw_name(axes, r"needs $\omega^2\rho\,\mathrm{d}m$", spot(2.65, -1.3), THRUST)
         draw_arrow(axes, spot(-1.0, -0.05), spot(-1.0, -1.3), DARK)
         draw_name(axes, "$h$", spot(-1.2, -0.7))
         axes.plot([-1.1, 1.4], [-1.3, -1.3], color=QUIET, lw=0.8, ls=DASHED)
         draw_curved_arrow(axes, arc(spot(0.0, 0.0), 1.15, 10.0, -30.0), CONSTRAINT)
         draw_name(
             axes,
-            r"moment $h\,\omega^2 r\,\mathrm{d}m$," "\nfrom the vertical motors",
+            r"moment $h\,\omega^2\rho\,\mathrm{d}m$," "\nfrom the vertical motors",
             spot(2.6, -0.35),
             CONSTRAINT,
         )
