@@ -102,7 +102,7 @@ def write_paper(
         page = f"# The paper, reproduced\n\n{page}"
         if not linked:
             page = re.sub(r"(?<!!)\[([^]]+)\]\([^)]+\)", r"\1", page)
-            (new / "index.html").write_text(as_html(page, new), encoding="utf-8")
+            (new / "index.html").write_text(_as_html(page, new), encoding="utf-8")
         (new / "index.md").write_text(page, encoding="utf-8")
         with (new / "residuals.csv").open("w", encoding="utf-8", newline="") as file:
             rows = [(r.what, r.unit, r.error, r.size, r.digits) for r in found]
@@ -110,7 +110,7 @@ def write_paper(
     return found
 
 
-def as_html(page: str, folder: Path) -> str:
+def _as_html(page: str, folder: Path) -> str:
     """A page in Markdown as one file, with its pictures, of a folder, and its formulas.
 
     These are MathML or, without the extra paper, as LaTeX writes them.

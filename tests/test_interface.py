@@ -106,7 +106,7 @@ def test_both_back_ends_load_a_function_that_was_added(backend: str, folder: Pat
             "numpy_module.py",
             ",\n    )\n",
             " * (1.0 if sin is math.sin else 1.5),\n    )\n",
-            "itself, one state at a time",
+            "itself singly",
         )
     ],
 )

@@ -14,6 +14,8 @@ from support.browser import visit
 from support.command import run
 
 from gibbs_codegen import load, paper, read_robot, read_scenario, simulate
+from gibbs_codegen.cli.app import main
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.paper import (
     ROBOT,
     base_arm_angles_off,
@@ -77,12 +79,19 @@ def test_a_browser_shows_the_page_without_a_request(folder: Path) -> None:
         assert (seen.foreign, seen.faults) == ([], [])
 
 
-def test_without_the_extra_formulas_stand_as_latex(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_without_the_extra_formulas_stand_as_latex_and_that_is_said_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(paper, "SETS_FORMULAS", False)
-    page = paper.as_html("| a | b |\n|:--|--:|\n| $x_1 <y_2$ | 2 |", tmp_path)
+    page = paper._as_html("| a | b |\n|:--|--:|\n| $x_1 <y_2$ | 2 |", tmp_path)
     assert re.search(r"<td[^>]*><code>x_1 &lt;y_2</code></td>", page)
+
+    def stopped(*_: object) -> None:
+        raise UsageError("stopped")
+
+    monkeypatch.setattr(paper, "write_paper", stopped)
+    assert main(["paper", "--out", str(tmp_path / "new")]) == 2
+    assert "its extra paper, and run this again" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, NoReturn
 
 from gibbs_codegen.errors import printable
@@ -128,8 +129,8 @@ def add_kept(parser: Parser) -> None:
     _add_choice(parser, "emit {which}")
 
 
-def _add_json(parser: Parser) -> None:
-    parser.flag("--json", "print JSON instead of tables")
+def _add_json(parser: Parser | argparse._MutuallyExclusiveGroup) -> None:
+    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
 
 
 def _add_backend(parser: Parser) -> None:
@@ -185,24 +186,21 @@ def _port(text: str) -> int:
     return int(text)
 
 
-def _number(text: str) -> float:
-    try:
-        if math.isfinite(value := float(text)):
+def _number(text: str, what: str = "a finite number", least: float = -math.inf) -> float:
+    with suppress(ValueError):
+        if math.isfinite(value := float(text)) and value >= least:
             return value
-    except ValueError:
-        pass
-    raise argparse.ArgumentTypeError(f"must be a finite number, not {printable(text, 40)}")
+    raise argparse.ArgumentTypeError(f"must be {what}, not {printable(text, 40)}")
 
 
 def _prior(text: str) -> tuple[str, float]:
-    name, _, share = text.rpartition("=")
-    return name or "*", _number(share)
+    name, equals, share = text.rpartition("=")
+    number = share if not equals or (name and share) else text
+    return name or "*", _number(number, "SHARE or NAME=SHARE, above 0", math.ulp(0.0))
 
 
 def _not_negative(text: str) -> float:
-    if (value := _number(text)) >= 0.0:
-        return value
-    raise argparse.ArgumentTypeError(f"must be 0 or more, not {printable(text, 40)}")
+    return _number(text, "0 or more", 0.0)
 
 
 # Commands in the order of the help: the meaning, and what adds arguments.
@@ -294,8 +292,9 @@ def _verify(parser: Parser) -> None:
     parser.add("--seed", None, "seed of the states", type=int, default=0)
     meaning = "a back end to verify; may be repeated (default: both)"
     parser.add("--backend", None, meaning, choices=("numpy", "c"), action="append")
-    parser.flag("--rows", "print every comparison")
-    _add_json(parser)
+    either = parser.add_mutually_exclusive_group()
+    either.add_argument("--rows", action="store_true", help="print every comparison")
+    _add_json(either)
 
 
 @_command("move a robot through a scenario, and write time series and figures")

@@ -14,9 +14,12 @@ def run(options: argparse.Namespace) -> int:
     """Write the page, and print the residuals."""
     check_output_folder(options.out)
     check_new(options.out)
-    with terminal.progress("flying the paper's scenario and drawing its figures") as progress:
-        from gibbs_codegen.paper import SETS_FORMULAS, write_paper  # SymPy and Matplotlib.
+    from gibbs_codegen.paper import SETS_FORMULAS, write_paper  # SymPy and Matplotlib.
 
+    if not SETS_FORMULAS:
+        words = "formulas will stand as LaTeX; to set them, install gibbs_codegen with its extra"
+        print(f"{words} paper, and run this again with another --out", flush=True)
+    with terminal.progress("flying the paper's scenario and drawing its figures") as progress:
         residuals = write_paper(options.out, progress)
     width = max(len(residual.what) for residual in residuals)
     print(f"{'':{width}}  largest error    digits")
@@ -24,6 +27,4 @@ def run(options: argparse.Namespace) -> int:
         print(f"{residual.what:{width}}  {residual.text:15}  {residual.digits:4.1f}")
     place = printable(options.out)
     print(f"written to {place}: the page, index.html, index.md; these numbers, residuals.csv")
-    if not SETS_FORMULAS:
-        print("formulas stand as LaTeX; to set them: pip install 'gibbs_codegen[paper]'")
     return 0

@@ -17,8 +17,8 @@ from gibbs_codegen.verification.comparison import Comparison, failure_text, show
 from gibbs_codegen.verification.modules import verify
 from gibbs_codegen.verification.verify import Verification
 
-# Fewer comparisons with one thing have no line of their own.
-_MANY = 7
+# The least number of comparisons with one thing that has a line of its own.
+_FEWEST = 7
 # Longer, a list of failures is not read.
 _MOST_FAILURES = 12
 
@@ -88,8 +88,7 @@ def summary(verification: Verification) -> list[str]:
     for rows in verification.comparisons.values():
         for comparison in rows:
             kinds.setdefault(comparison.against, []).append(comparison)
-    few = [kind for kind, rows in kinds.items() if len(rows) < _MANY]
-    if few:
+    if few := [kind for kind, rows in kinds.items() if len(rows) < _FEWEST]:
         kinds["others"] = [comparison for kind in few for comparison in kinds.pop(kind)]
     width = max(map(len, kinds), default=0)
     lines = [f"{'compared with':{width}}  results  states  worst error    limit"]

@@ -192,8 +192,8 @@ def write_module(folder: Path, files: Files, force: bool = False, options: str =
     leaves what was there, and nothing else; signals to end are held back until a whole module is in
     place, the old or the new one, and the hidden folder is gone. What must not be replaced raises
     `UsageError`; with `force` a folder with files that were not generated, or were changed since,
-    is kept under another name. The log names that, and the files of the module that nothing
-    replaces. Raises `OutputError` if the files cannot be written, or a signal came.
+    is kept under another name. The log names that, or else the files of the module that
+    nothing replaces. Raises `OutputError` if the files cannot be written, or a signal came.
     """
     staging.check_output_folder(folder.parent)
     files = with_manifest(files, options)
@@ -225,14 +225,12 @@ def write_module(folder: Path, files: Files, force: bool = False, options: str =
             ) from None
     if not written:  # The signal's handler, which is the program's own, has returned.
         raise OutputError(f"{printable(folder)}: a signal ended the writing; nothing was changed")
-    if lost:
-        words = "%s: removed, since the options of this module do not write it: %s"
-        _log.warning(words, printable(folder), _listed(sorted(lost)))
     if aside:
         kept = printable(folder.with_name(aside.name))
-        _log.warning(
-            "%s: held %s; the folder is kept as %s", printable(folder), _listed(names), kept
-        )
+        words = "%s: held %s; the folder is kept as %s"
+        _log.warning(words, printable(folder), _listed(names), kept)
+    elif lost:
+        _log.warning("%s no longer has these files: %s", printable(folder), _listed(sorted(lost)))
 
 
 def _check_beside(folder: Path, files: Files) -> None:

@@ -336,8 +336,8 @@ class Table:
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         if kind == "finite_number" or (kind == "float_type" and is_number):
             return f"must be a finite number, not {shown(value)}"
-        form = shown(value) if kind == "int_type" and is_number else kind_of(value)
-        return f"must be {_NOUNS[kind]}, not {form}"
+        value_text = shown(value) if kind == "int_type" and is_number else kind_of(value)
+        return f"must be {_NOUNS[kind]}, not {value_text}"
 
     @classmethod
     def _meant(cls, unknown: Collection[str], key_names: list[str]) -> dict[str, str]:
@@ -540,7 +540,7 @@ def at_most(value: list[Any], most: int, noun: str) -> list[Any]:
 class Kinds:
     """Metadata of what a file gives as one of several tables, as their key `kind` tells.
 
-    `description` is of the kinds; `default` is the kind of a table without the key,
+    `description` describes the kinds; `default` is the kind of a table without the key,
     None where it is required. In Python it is one of the tables or, where they are `functions` of
     time, anything that can be called as they can.
     """

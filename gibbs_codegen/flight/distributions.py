@@ -67,7 +67,7 @@ def uniform(low: float, high: float) -> Varied:
         low, high: The ends.
 
     Returns:
-        What a key of `sweep` takes on.
+        What a key of `sweep`, or a number of an episode, takes on.
 
     Raises:
         UsageError: If `low` is not below `high`.
@@ -82,7 +82,7 @@ def log_uniform(low: float, high: float) -> Varied:
         low, high: The ends.
 
     Returns:
-        What a key of `sweep` takes on.
+        What a key of `sweep`, or a number of an episode, takes on.
 
     Raises:
         UsageError: If `low` is not above 0 and below `high`.
@@ -99,7 +99,7 @@ def normal(mean: float, deviation: float) -> Varied:
         deviation: Its standard deviation, above 0.
 
     Returns:
-        What a key of `sweep` takes on.
+        What a key of `sweep`, or a number of an episode, takes on.
 
     Raises:
         UsageError: If the standard deviation is not above 0.
@@ -116,7 +116,7 @@ def scaled(low: float | Varied | Sequence[float], high: float | None = None) -> 
         high: The greatest factor.
 
     Returns:
-        What a key of `sweep` takes on.
+        What a key of `sweep`, or a number of an episode, takes on.
 
     Raises:
         UsageError: If `low` is not below `high`.
@@ -133,7 +133,7 @@ def together(values: Varied | Sequence[Any]) -> Varied:
         values: A distribution or a list.
 
     Returns:
-        What a key of `sweep` takes on.
+        What a key of `sweep`, or a number of an episode, takes on.
     """
     return replace(varied(values), together=True)
 

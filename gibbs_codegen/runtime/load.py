@@ -12,6 +12,7 @@ import importlib
 import importlib.util
 import logging
 import os
+import shlex
 import subprocess
 import sys
 import threading
@@ -171,7 +172,7 @@ def find_module(path: Path) -> Path:
     folders = (path, Path("generated") / path)
     try:
         for folder in folders:
-            if all((folder / name).is_file() for name in ("__init__.py", "numpy_module.py")):
+            if not _lacking(folder):
                 _warn_of_changes(folder)
                 return folder.resolve()
         partial = [f for f in folders if generated_files(f)]
@@ -180,11 +181,9 @@ def find_module(path: Path) -> Path:
     if partial:
         folder, options = partial[0], kept_options(partial[0]).split()
         options += ["--target", "numpy"] if "--target" in options and "numpy" not in options else []
-        command = " ".join([printable(folder), "--out", printable(folder.parent), *options])
-        raise UsageError(
-            f"{printable(folder)}: has no files of the target numpy, which loading needs; make "
-            f"them with: gibbs-codegen generate {command}"
-        )
+        words = f"lacks {_lacking(folder)}, which loading needs; make it with: gibbs-codegen"
+        command = shlex.join(["generate", str(folder), "--out", str(folder.parent), *options])
+        raise UsageError(f"{printable(folder)}: {words} {printable(command, 400)}")
     if path.suffix == ".toml":
         raise UsageError(
             f"{printable(path)}: this is a robot file, not a module; run gibbs-codegen generate, "
@@ -199,6 +198,11 @@ def find_module(path: Path) -> Path:
     hint = near(path.name, [*modules_made(), *shipped])
     remedy = hint or f"; make one with: gibbs-codegen generate {robot}"
     raise UsageError(f"{printable(path)}: no generated module there or in generated/{remedy}")
+
+
+def _lacking(folder: Path) -> str:
+    """Names of files that loading a module needs and that are not in its folder."""
+    return ", ".join(x for x in ("__init__.py", "numpy_module.py") if not (folder / x).is_file())
 
 
 def _warn_of_changes(folder: Path) -> None:

@@ -37,7 +37,7 @@ from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array, cross, times
 
-OTHER_FUNCTIONS, ZEROS = "other functions", "zeros outside PATTERNS"
+OTHER_FUNCTIONS, ZEROS = "other functions", "its PATTERNS"
 # The limit of errors relative to natural sizes, here much more than rounding takes.
 LIMIT = 1e-11
 # Digits that accelerations lose for each of the condition of the mass matrix in its units.

@@ -138,7 +138,7 @@ class Invariants:
 
 
 OF_EACH = "constants of each state"
-ONE_BY_ONE, OTHER_BACK_END = "itself, one state at a time", "the NumPy back end"
+ONE_BY_ONE, OTHER_BACK_END = "itself singly", "NumPy back end"
 _NO_FORMULATION = (
     "no independent formulation of this function exists, so its values may be wrong; it was "
     "only compared with itself, a state with a batch and a back end with the other"

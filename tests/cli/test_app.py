@@ -97,7 +97,7 @@ def test_generated_copy_of_the_robot_file_makes_the_same_module(tmp_path: Path) 
     assert done.returncode == 0, done.stderr
     done = run("generate", "robot.toml", "--out", "..", "--target", "cuda", cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert "do not write it: __init__.py, gibbs_runtime.h, numpy_module.py" in done.stderr
+    assert "no longer has these files: __init__.py, gibbs_runtime.h, numpy_module.py" in done.stderr
 
 
 @pytest.mark.slow
@@ -129,6 +129,14 @@ def test_all_parameters_keeps_zeros(tmp_path: Path) -> None:
         (["show", "hexarotor", "--chain", "0"], "chain 0: hexarotor has chains 1 to 6"),
         (["show", "hexarotor", "--chain", "1", "--equation", "3"], "known: 2, 5, 6, 15, 18"),
         (["show", "hexarotor", "--chain", "1", "--format", "word"], "invalid choice"),
+        (["verify", "hexarotor", "--rows", "--json"], "not allowed with argument"),
+        *(
+            (
+                ["identify", "hexarotor", "log", f"--prior={x}"],
+                f"SHARE or NAME=SHARE, above 0, not {x}",
+            )
+            for x in ("base_mass", "base_mass=", "=0.1", "-1")
+        ),
         (["info", "."], "is not a file"),
         (["info", "a" * 5000], "cannot be read"),
     ],

@@ -17,8 +17,11 @@ from conftest import ROOT
 from gibbs_codegen.cli.app import main
 from gibbs_codegen.cli.verify import summary
 from gibbs_codegen.targets.printers import InfixPrinter
+from gibbs_codegen.verification.c_program import PARTIAL, SINGLE_PRECISION
 from gibbs_codegen.verification.comparison import Comparison, failure_text
-from gibbs_codegen.verification.verify import Verification
+from gibbs_codegen.verification.derivatives import OTHER_FUNCTIONS, ZEROS
+from gibbs_codegen.verification.invariants import ONE_BY_ONE, OTHER_BACK_END
+from gibbs_codegen.verification.verify import ONE_STATE, Verification
 
 pytestmark = pytest.mark.usefixtures("derived_once")
 
@@ -61,6 +64,16 @@ def test_of_each_formulation_what_is_nearest_to_its_limit_is_shown() -> None:
     rows[4] = replace(rows[4], error=3.8247e-6)
     assert summary(found)[1].split()[4:] == ["3.82e-06", "3.81e-06", "FAILS"]
     assert failure_text(rows[4]).endswith("error 3.82e-06, limit 3.81e-06")
+
+
+def test_lines_fit_a_terminal_where_everything_fails() -> None:
+    """With all that functions and derivatives are compared with by names that the code has."""
+    found = [ONE_BY_ONE, OTHER_BACK_END, OTHER_FUNCTIONS, ZEROS]
+    against = [ONE_STATE, PARTIAL, SINGLE_PRECISION, *(f"{x}, other parameters" for x in found)]
+    rows = [Comparison("a", x, 100_000, 3.8247e-6, 3.8147e-6) for x in against for _ in range(9)]
+    lines = summary(Verification("robot", 0, {"c": rows}))
+    assert sum(line.endswith("  FAILS") for line in lines) == len(against)
+    assert max(map(len, lines)) <= 80
 
 
 def test_verify_as_json(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -150,7 +163,12 @@ def test_what_is_left_of_a_module_is_not_taken_for_a_robot(
     shutil.copytree(small, "generated/quadrotor_2link")
     Path("generated/quadrotor_2link/numpy_module.py").unlink()
     assert main(["verify", "quadrotor_2link"]) == 2
-    assert "has no files of the target numpy, which loading needs; " in capsys.readouterr().err
+    lacks = "lacks numpy_module.py, which loading needs; make it with: gibbs-codegen generate "
+    assert lacks + "generated/quadrotor_2link --out generated" in capsys.readouterr().err
+    os.rename("generated", "my modules")
+    assert main(["verify", "my modules/quadrotor_2link"]) == 2
+    proposed = "generate 'my modules/quadrotor_2link' --out 'my modules'"
+    assert proposed in capsys.readouterr().err
 
 
 @pytest.mark.slow

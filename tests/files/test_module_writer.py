@@ -185,7 +185,8 @@ def test_files_of_the_user_are_refused_by_name_and_with_force_kept(
     assert f"; the folder is kept as {target}.old1" in caplog.text
 
     (target / "more.txt").write_text("precious, too")
-    write_module(target, FILES, force=True)
+    write_module(target, {"__init__.py": HEADER}, force=True)
+    assert "no longer has" not in caplog.text  # They are in robot.old2.
     assert (tmp_path / "robot.old2" / "more.txt").read_text() == "precious, too"
     assert sorted(os.listdir(tmp_path)) == ["robot", "robot.old1", "robot.old2"]
 

@@ -24,8 +24,9 @@ class EpisodeDistributions:
 
     A distribution is whatever has a method `ppf` as those of `scipy.stats` have: the value that a
     share between 0 and 1 of all values is below. If it is `relative`, as `scaled` makes it, values
-    are factors of those `known`. Raises `UsageError`, which calls them `part`, for a name that is
-    not known, and for what is no number and no distribution.
+    are factors of the `usual` ones, and all are the `least` or more. Raises `UsageError`, which
+    calls them `part`, for a name without a usual value, and for what is no number and no
+    distribution.
     """
 
     def __init__(self, part: str, values: Mapping[str, Any], usual: Named, least: Named) -> None:

@@ -19,8 +19,8 @@ from gibbs_codegen.targets.c.calls import check_calls, model_functions
 from gibbs_codegen.targets.printers import Context, InfixPrinter, Lines
 
 _INLINE = "static INLINE "
-# The constants of a thread, and the ending of its arrays.
-_CONSTANTS = "own"
+# What the constants of a thread are called, and the ending of its arrays.
+_OWN = "own"
 # Rollouts are of these, which threads do not choose from at run time: registers are scarce.
 _PARTS = {"inputs": Parts(), "commands": Parts(feedback=True, limits=True, lag=True)}
 # Bytes that a kernel may be given; larger matrices are behind pointers.
@@ -121,10 +121,10 @@ def _kernels(model: Model) -> list[Context]:
         sizes = dict(zip(signature.arguments, signature.widths, strict=True))
         sizes |= dict(zip(outputs, map(math.prod, signature.shapes), strict=True))
         parameters = [*c.read_arrays(signature.arguments), *c.written_arrays(outputs)]
-        places = {key: f"{key}_{_CONSTANTS}" for key in sizes}
+        places = {key: f"{key}_{_OWN}" for key in sizes}
         lines = [f"real {places[key]}[{max(1, size)}];" for key, size in sizes.items()]
         loads = [f"load({sizes[x]}, {x}, count, i, {places[x]});" for x in signature.arguments]
-        called = c.call(f"{model.robot.name}_{signature.name}", [_CONSTANTS, *places.values()])
+        called = c.call(f"{model.robot.name}_{signature.name}", [_OWN, *places.values()])
         stores = [f"store({sizes[x]}, {places[x]}, count, i, {x});" for x in outputs]
         kernels.append(
             {
