@@ -388,7 +388,8 @@ class ModuleLibrary:
         if not unit and not form:
             return self.core
         where = self._folder, self._name, self._files(form), self._compiler
-        part = _FLIGHTS if unit == "flights" else f"its functions of the group {unit}"
+        group = f" of the group {unit}" if unit else " for parameters of each state"
+        part = _FLIGHTS if unit == "flights" else f"its functions{group}"
         return compiled_files(*where, self._flags, functions=self._parts(unit, form), contents=part)
 
 
