@@ -269,6 +269,7 @@ def test_entries_of_the_hybrid_system_are_what_a_touch_says(tmp_path: Path) -> N
                 assert coloured == arms
         # It follows the motion that is asked for.
         assert np.isclose(q[3], 0.4 + 0.8 * np.sin(0.6 * 3.1), atol=5e-3)
+        assert "−0.0" not in "".join(figure.evaluate(TORQUES))
         assert (seen.foreign, seen.faults) == ([], [])
 
 
@@ -294,6 +295,10 @@ def test_every_entry_is_reached_by_the_keyboard(tmp_path: Path) -> None:
             assert str(seen.page.evaluate(at))[0] == place[0]
 
 
+TORQUES = """one => [...Array(60)].map(() => {
+  one.advance(0.1);
+  return one.querySelector(".torques").textContent;
+})"""
 FOUR_WAYS = """place => ["Left", "Right", "Up", "Down"].map(way => {
   const cell = document.querySelector(`[data-at="${place}"]`);
   cell.focus();

@@ -88,7 +88,7 @@ const draw = () => {
     set(`torque-${k + 2}`, {d: arc([90, 255], 28 + 7 * k, known.angles[k + 1], turn), opacity: Math.abs(turn) < 0.1 ? 0 : 1});
   });
   part("torques").innerHTML = `constraint torques ${held_by.map((x, k) =>
-    `<span style="color:${known.colours[k]}">${index(known.unknowns[torques[k]])} = ${x.toFixed(1)}</span>`).join(", ")} N m`.replaceAll("= -", "= −");
+    `<span style="color:${known.colours[k]}">${index(known.unknowns[torques[k]])} = ${(Math.round(10 * x) / 10 + 0).toFixed(1)}</span>`).join(", ")} N m`.replaceAll("= -", "= −");
   Object.assign(figure.dataset, {q: JSON.stringify(q), v: JSON.stringify(v), value, found: JSON.stringify(found)});
   write("value", `now ${Math.abs(value) < 1e-12 ? 0 : value.toPrecision(5)} ${unit}`);
 };

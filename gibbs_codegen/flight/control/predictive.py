@@ -172,7 +172,7 @@ class Instant(NamedTuple):
 
 
 class NoPlanError(GibbsCodegenError):
-    """No plan for as long as the last one reaches: the machine is lost."""
+    """No plan yet, or none for as long as the last one reaches: the machine is lost."""
 
     exit_code = 1
 
@@ -344,9 +344,17 @@ class Predictive:
 
     @property
     def plan(self) -> tuple[Array, Array]:
-        """The plan from the next call on, copied: q (nodes, nq), inputs (nodes, nu) from each."""
+        """What was planned from the next call on, copied: q (n, nq), and u (n − 1, nu) between.
+
+        The first q is that of the next call plus `delay`, row k + 1 is `step` · `growth` ** k after
+        row k, and u[k] acts between. n is `nodes`, less one for each call since that found no plan.
+        Raises `NoPlanError` before a first plan, and once it has ended.
+        """
         arrays = self._compiled.arrays
-        return arrays["x"][:-1, : self.hover.q.size].copy(), arrays["u"].copy()
+        left = self.nodes - int(arrays["failures"])
+        if not 0 < left <= self.nodes:
+            raise NoPlanError(f"{self.vehicle.name}: it has no plan yet, or none any more")
+        return arrays["x"][:left, : self.hover.q.size].copy(), arrays["u"][: left - 1].copy()
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The module finds the compiled library again, in other processes too.

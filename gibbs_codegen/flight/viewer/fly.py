@@ -39,8 +39,9 @@ _FULL = ((36.0, 12.0), (9.0, 6.0), (36.0, 12.0))
 # How fast the reference follows what is dragged, 1/s; how far joints and attitudes go, rad, and
 # under the regulator.
 _RATE, _TURN, _LEAN, _NEAR = 3.0, 2.6, 0.5, 0.1
-# What the regulator takes for the size of inputs that there are not.
-_NONE = 1e-2
+# What the regulator takes for the size of inputs that there are not; where joints end that nothing
+# limits, rad or m.
+_NONE, _FAR = 1e-2, 1e3
 # Period of the law on the page, s.
 _PERIOD = 1e-3
 # Share of the mass below which a body has no slider; how many have one, and how far it goes; the
@@ -227,7 +228,7 @@ def _regulator(machine: DrawnMachine) -> dict[str, Any]:
 
 
 def _hanging(machine: DrawnMachine) -> Array:
-    """Level, with joints at zero, but where nothing drives them as they hang."""
+    """Level, joints at zero; those that nothing drives hang, or balance where zero is a balance."""
     vehicle, layout = machine.vehicle, machine.vehicle.layout
     efforts = machine.input_limits[:, vehicle.rotors : vehicle.rotors + vehicle.joints]
     idle = np.flatnonzero(~efforts.any(axis=0))
@@ -236,15 +237,19 @@ def _hanging(machine: DrawnMachine) -> Array:
     if not idle.size:
         return q
 
-    def moved(joints: Array) -> Array:
+    def weighed(joints: Array) -> tuple[float, Array]:
         q[places] = joints
-        return q
+        return float(vehicle.potential_energy(q)), -vehicle.gravity_forces(q)[rates]
 
-    def slope(joints: Array) -> Array:
-        return -vehicle.gravity_forces(moved(joints))[rates]
+    limits = np.clip(machine.joint_limits[:, idle], -_FAR, _FAR)
+    end = minimize(weighed, np.clip(q[places], *limits), jac=True, bounds=limits.T).x
+    is_stopped = np.any(end == limits, axis=0)  # Then `trim` tells what it needs there.
 
-    lowest = minimize(lambda x: vehicle.potential_energy(moved(x)), q[places], jac=slope)
-    return moved(least_squares(slope, lowest.x, xtol=1e-15, ftol=1e-15, gtol=1e-15).x)
+    def unbalanced(joints: Array) -> Array:
+        return np.where(is_stopped, joints - end, weighed(joints)[1])
+
+    q[places] = least_squares(unbalanced, end, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+    return q
 
 
 def _masses(machine: DrawnMachine, q: Array) -> list[tuple[str, list[int], float]]:

@@ -593,18 +593,57 @@ def test_delay_and_lag_are_made_up_for(module: ModuleType) -> None:
     assert ignores[25:].max() > 1e-2
 
 
+@pytest.mark.parametrize("delay", [0.0, 0.005])
+def test_what_is_planned_comes_next_where_nothing_disturbs(
+    delay: float, module: ModuleType
+) -> None:
+    controller = circling(module, delay=delay)
+    vehicle, step, h = controller.vehicle, controller.step, 5e-4
+
+    def moved(q: Any, v: Any, u: Any, seconds: float) -> Any:
+        for _ in range(round(seconds / h)):
+            middle = vehicle.integrate(q, 0.5 * h * v), v + 0.5 * h * forward(q, v, u)
+            q = vehicle.integrate(q, h * middle[1])
+            v = v + h * forward(*middle, u)
+        return q, v
+
+    forward = vehicle.forward_dynamics
+    seen = controller.hover.q, np.zeros(len(module.VELOCITIES))
+    with pytest.raises(NoPlanError, match="has no plan"):
+        _ = controller.plan
+    u, calls = controller.hover.u, []
+    for k in range(12):
+        later = moved(*seen, u, delay)
+        u = controller.inputs(k * step, *seen)
+        calls.append((later[0], u, *controller.plan))
+        seen = moved(*later, u, step - delay)
+    (_, before, coordinates, inputs), (q, u, *_) = calls[-2:]
+    np.testing.assert_allclose(q, coordinates[0], atol=1e-5)
+    assert np.abs(coordinates[1] - q).max() > 1e-3
+    assert np.abs(u - inputs[0]).max() < 0.03 * np.abs(u - before).max()
+    controller.reset()
+    with pytest.raises(NoPlanError, match="has no plan"):
+        _ = controller.plan
+
+
 def test_the_last_plan_is_followed_until_its_end(module: ModuleType) -> None:
     controller = circling(module)
     q, v = controller.hover.q, np.zeros(len(module.VELOCITIES))
     controller.inputs(0.0, q, v)
-    planned = controller._compiled.arrays["u"].copy()
+    coordinates, planned = controller.plan
+    assert (len(coordinates), len(planned)) == (controller.nodes, controller.nodes - 1)
     unknown = np.full_like(v, np.nan)
     for k in range(1, controller.nodes):
         u = controller.inputs(k * controller.step, q, unknown)
-        np.testing.assert_allclose(u, planned[min(k - 1, controller.nodes - 1)], rtol=1e-9)
+        np.testing.assert_allclose(u, planned[k - 1], rtol=1e-9)
         assert not controller.log[-1].solved
+        left = controller.plan
+        np.testing.assert_allclose(left[0], coordinates[k:], atol=1e-9)
+        np.testing.assert_allclose(left[1], planned[k:], rtol=1e-9)
     with pytest.raises(NoPlanError, match=r"no plan was found for 20 instants, 0.4 s"):
         controller.inputs(0.4, q, unknown)
+    with pytest.raises(NoPlanError, match="has no plan"):
+        _ = controller.plan
     controller.reset()
     controller.inputs(0.0, q, v)
     assert controller.log[-1].solved

@@ -134,14 +134,30 @@ def test_what_no_law_leads_flies_by_the_regulator(written: Path) -> None:
         assert quiet(seen)
 
 
-def test_what_nothing_drives_hangs_at_the_start(written: Path) -> None:
+def slung(place: Path, *changes: tuple[str, str]) -> Path:
+    """A robot file whose arm nothing drives, the upper one's mass beside it."""
     text = text_of(ROBOT, "robots", UsageError)[0]
-    for line, after in (("effort     = 4", "effort = 0"), ("effort     = 3", "effort = 0")):
+    idle = [(f"effort     = {most}", "effort = 0") for most in (4, 3)]
+    beside = ("com        = [0, 0, -0.09]", "com = [0.09, 0, 0]")
+    for line, after in (*idle, beside, *changes):
         assert line in text
         text = text.replace(line, after)
-    text = text.replace("com        = [0, 0, -0.09]", "com = [0.09, 0, 0]")
-    robot, place = written.with_name("slung.toml"), written.with_name("slung.html")
-    robot.write_text(text, encoding="utf-8")
+    place.write_text(text, encoding="utf-8")
+    return place
+
+
+def test_what_rests_on_a_limit_or_falls_is_refused(tmp_path: Path) -> None:
+    swing = 'axis       = "-y"\njoint      = "revolute"\nlimits_deg = [-140, 140]'
+    for line, after, words in (
+        ("limits_deg = [-100, 100]", "limits_deg = [-20, 20]", r"tau_upper_arm is 0\.08589 N m"),
+        (swing, 'axis = "z"\njoint = "prismatic"', r"tau_forearm is 1\.57 N"),
+    ):
+        with pytest.raises(UsageError, match=f"no inputs within their limits .*{words}"):
+            fly_html(slung(tmp_path / "slung.toml", (line, after)))
+
+
+def test_what_nothing_drives_hangs_at_the_start(written: Path) -> None:
+    robot, place = slung(written.with_name("slung.toml")), written.with_name("slung.html")
     fly_html(robot).save(place)
     with visit(place.as_uri()) as seen:
         seen.page.wait_for_function("globalThis.flight")
@@ -185,6 +201,15 @@ def test_what_is_paused_or_out_of_sight_is_not_drawn_again(written: Path) -> Non
         page.locator("#scene").press("+")
         page.wait_for_function("(drawn) => flight.stats().frames > drawn", arg=drawn, timeout=6e4)
         comes(still=True)
+        # From afar it starts again in the middle of the picture.
+        page.evaluate("flight.target[flight.R.position[0][1]] += 3; flight.advance(9000)")
+        page.locator("#pause").click()
+        place = "flight.project(flight.handle(0)).slice(0, 2)"
+        page.wait_for_function(f"Math.abs({place}[0] - scene.clientWidth / 2) < 99", timeout=6e4)
+        page.locator("#pause").click()
+        page.locator("#again").click()
+        comes(still=True)
+        assert page.evaluate(f"Math.abs({place}[0] - scene.clientWidth / 2)") < 9
         assert quiet(seen)
 
 
