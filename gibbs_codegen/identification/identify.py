@@ -47,6 +47,7 @@ _HELD = 2
 # Deviations of the prior from which on a value contradicts the robot file, and those from which on
 # a fit begins elsewhere.
 _CONTRADICTS, _FAR = 3.0, 1.0
+_LATE = "delay of readings behind commands, s"
 # Numbers at most that are proposed to be free.
 _PROPOSED = 4
 
@@ -179,8 +180,6 @@ def identify(
     pairs = zip(recordings, ends, strict=True)
     parts = [part for r, end in pairs for part in cut(r, [slice(end, len(r.time))])]
     rest = [Readings(r, module, frames) for r in parts]
-    if readings[0].blind:
-        return _without_pose(Regression(model, unknowns, readings), rest, sources)
     longest = max(used, key=lambda recording: len(recording.time))
     first = Readings(part_of(longest, slice(_FIRST)), module, frames)
     y, _ = Regression(model, unknowns, [first]).run()
@@ -200,14 +199,21 @@ def identify(
 
     start = begin
     if sum(len(r.time) for r in used) > 1.5 * _FIRST:
-        start = fitted([first], begin, "first samples")[1].shared
-    smoother, estimate = fitted(readings, start, "all samples")
+        smoother, estimate = fitted([first], begin, "first samples")
+        start = estimate.shared
+    if start is begin or estimate.settled or not first.blind:
+        smoother, estimate = fitted(readings, start, "all samples")
+    if first.blind and not estimate.settled:
+        return _by_accelerations(Regression(model, unknowns, readings), rest, sources)
     if estimate.settled:
         progress("deviations", 0.0)
         estimate.shared, estimate.covariance = smoother.spread(estimate)
     f = len(unknowns.names)
     prediction = {}
-    if rest and estimate.settled:
+    if rest and first.blind:
+        y = np.append(estimate.shared[:f], estimate.shared[f + model.free])
+        prediction = _accelerations_ahead(Regression(model, unknowns, rest), y)
+    elif rest and estimate.settled:
         of_file = np.concatenate([np.zeros(f), estimate.shared[f:]])
         starts = {"by the robot file": of_file, "as identified": estimate.shared}
         errors = [
@@ -263,7 +269,13 @@ def _recordings(log: Log, module: ModuleType, names: Mapping[str, str | float]) 
     return recordings_of(vehicle, recorded_of(vehicle, log, names), source)
 
 
-def _without_pose(
+def _accelerations_ahead(held: Regression, y: Array) -> dict[str, tuple[float, float]]:
+    """Root mean squares of errors of accelerations, by the numbers of the file and by y."""
+    errors = [np.sqrt(np.mean(held.misses(x) ** 2, axis=0)).tolist() for x in (0.0 * y, y)]
+    return dict(zip(held.names, zip(*errors, strict=True), strict=True))
+
+
+def _by_accelerations(
     regression: Regression, ahead: Sequence[Readings], sources: Sequence[str]
 ) -> Identified:
     """What accelerations alone tell, and how well they are predicted where they were held out."""
@@ -273,17 +285,14 @@ def _without_pose(
     shares = np.sqrt(np.mean(left**2, axis=0) / np.mean(regression.measured**2, axis=0))
     prediction = {}
     if ahead:
-        held = Regression(regression.model, unknowns, ahead)
-        errors = [np.sqrt(np.mean(held.misses(x) ** 2, axis=0)) for x in (0.0 * y, y)]
-        pairs = zip(*(e.tolist() for e in errors), strict=True)
-        prediction = dict(zip(regression.names, pairs, strict=True))
+        prediction = _accelerations_ahead(Regression(regression.model, unknowns, ahead), y)
     return _identified(
         unknowns,
         y[:-1],
         covariance[:-1, :-1],
         settled,
         dict(zip(regression.names, shares.tolist(), strict=True)),
-        {"delay of readings behind commands, s": (float(y[-1]), delay)},
+        {_LATE: (float(y[-1]), delay)},
         sources,
         prediction,
     )
@@ -299,6 +308,8 @@ def _by_motion(
     """What the most likely motion and numbers tell."""
     unknowns, f, module = smoother.unknowns, len(smoother.unknowns.names), smoother.model.module
     told = np.flatnonzero(np.isfinite(estimate.misses).any(axis=0))
+    if smoother.late:  # Nothing reads the pose.
+        told = np.setdiff1d(told, smoother.model.layout.displaced.base)
     spread = np.sqrt(np.nanmean(np.clip(estimate.misses[:, told], -3, 3) ** 2, axis=0))
     # What is not explained by noise makes numbers less certain than noise alone would.
     doubt = max(1.0, float(spread.max()), float(estimate.left.max())) ** 2
@@ -309,6 +320,7 @@ def _by_motion(
     felt = felt_names(frames)
     names += felt
     labels = ["drag of the base, N s/m"] * smoother.model.free
+    labels += [_LATE] * smoother.late
     labels += [f"bias of the {name}" for name in felt]
     rest = zip(estimate.shared[f:], np.sqrt(np.diag(whole))[f:], strict=True)
     others = {label: (float(x), float(s)) for label, (x, s) in zip(labels, rest, strict=True)}
@@ -456,7 +468,7 @@ def _errors_ahead(smoother: Smoother, estimate: Estimate) -> dict[str, float]:
     starts = np.arange(0, count - steps, max(1, steps // 2))
     starts = starts[np.array([smoother.follows[k : k + steps].all() for k in starts], dtype=bool)]
     state = {name: values[starts] for name, values in estimate.state.items()}
-    commands = smoother.command[starts[:, np.newaxis] + np.arange(steps)]
+    commands = smoother.commands(0.0)[starts[:, np.newaxis] + np.arange(steps)]
     for command in commands.reshape(len(starts), -1, commands.shape[-1]).swapaxes(0, 1):
         state |= model(state, machine, command=command, drag=drag)[0]
     away = model.vehicle.displacement(smoother.q[starts + steps, 0], state["q"])

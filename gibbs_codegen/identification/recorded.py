@@ -9,25 +9,25 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import interp1d
+from scipy.interpolate import PchipInterpolator, interp1d
 from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.flight.logs.motion import imus
+from gibbs_codegen.flight.logs.motion import base_motion, imus, places, unread
 from gibbs_codegen.flight.logs.reading import (
     Recorded,
     Samples,
     cleaned,
     known_attitudes,
     motion_of,
+    tell_gaps,
     title,
 )
 from gibbs_codegen.flight.plant.kinematics import quaternions_of
 from gibbs_codegen.flight.plant.vehicle import Flags, Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.vectors import Array
-from gibbs_codegen.robot.layout import Layout
 
 _log = logging.getLogger("gibbs_codegen")
 # The shortest step of the grid, s, the fewest samples, and readings of a coordinate.
@@ -36,8 +36,12 @@ _SHORTEST, _LEAST, _LEAST_READINGS = 4e-3, 200, 20
 _FLOOR, _FLOOR_FELT, _FLOOR_SPIN = 1e-4, 5e-3, 5e-4
 # Of arms on a base that does not fly: of encoders, rad or m, and of inputs, N m or N.
 _FLOOR_ENCODER, _FLOOR_INPUT = 1e-5, 1e-3
-# Of a first guess of velocities, Hz.
-_CUTOFF = 12.0
+# The deviation of a delay of readings, s, before a log tells it.
+DELAY = 0.02
+# Of a first guess of velocities, Hz, and of where up is of a base of which no log tells the pose;
+# deviations of that pose, which say next to nothing, m and rad.
+_CUTOFF, _SWAY = 12.0, 0.1
+_ANYWHERE, _ANYHOW = 100.0, 3.0
 # Third differences of white noise have so many times its variance; the deviation by the median.
 _THIRD, _BY_MEDIAN = 20.0, 1.4826
 # Commands that are late by more, s, are unknown; steps in which delays of sensors are looked for,
@@ -128,20 +132,73 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
             f"{source}: is a flight of {flight.robot}, and its coordinates differ from "
             f"{module.NAME}'s; give the robot that flew"
         )
-    time = flight.time
+    time, vehicle = flight.time, Vehicle(module)
     every = max(1, round(_SHORTEST / float(np.median(np.diff(time)))))
     commands = flight.commands
     if not commands.size:
         commands = np.clip(flight.commanded, *flight.input_limits)
+    sensor, *placed = _placed(flight, vehicle, source)
     if not flight.control_rate:  # Laws that act at all times go on between samples.
+        every = 1 if sensor else every
         commands = np.concatenate([0.5 * (commands[every:] + commands[:-every]), commands[-every:]])
-    q = flight.q.copy()
+    q, read = flight.q.copy(), [f"{name}_" for name in imus(flight)]
+    read += [f"{sensor}_{what}_" for what in ("position", "x_axis", "y_axis") if sensor]
     for place, name in enumerate(flight.coordinates):
-        for k, sensor in enumerate(flight.sensor_names):
-            if flight.sensor_frames[k] == "" and sensor.endswith(f"_{name}"):
+        for k, reading in enumerate(flight.sensor_names):
+            if flight.sensor_frames[k] == "" and reading.endswith(f"_{name}"):
                 q[:, place] = _new(flight.sensors[:, k : k + 1])[:, 0]
+                read.append(reading)
     felt = {frame: _new(values) for frame, values in imus(flight).values()}
-    return part_of(Recording(time, commands, q, felt, source), slice(None, None, every))
+    if rest := unread(flight, read):
+        _log.warning("%s: identify does not use its readings %s", source, rest)
+    if not sensor:
+        recording = Recording(time, commands, q, felt, source)
+        return part_of(recording, slice(None, None, every))
+    stamps = np.round(time * 1e9).astype(np.int64)
+
+    def known(values: Array) -> Samples:
+        samples = Samples(stamps, values)
+        return samples.rows(np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+
+    joints = {name: known(q[:, flight.coordinates.index(name)]) for name in vehicle.joint_names}
+    sent = {name: known(c) for name, c in zip(vehicle.commands, commands.T, strict=True)}
+    series = {frame: known(values) for frame, values in felt.items()}
+    position, attitude = (known(values) for values in placed)
+    log = Recorded(position, attitude, None, None, joints, {}, {}, (), series, sent)
+    return recordings_of(vehicle, log, source)[0]
+
+
+def _placed(flight: Flight, vehicle: Vehicle, source: str) -> tuple[str, Array, Array]:
+    """The sensor of the base's pose, "" if there is none, its positions and quaternions (s, ·).
+
+    It is the first at a frame that stays on the base, one of poses rather than a GPS, beside which
+    attitudes are the true ones.
+    """
+    nothing = "", np.zeros((0, 3)), np.zeros((0, 4))
+    if not (found := places(flight)) or not vehicle.layout.q.base:
+        return nothing
+    poses, base = vehicle.module.frame_poses(vehicle.neutral), base_motion(flight)
+    on_base, home = _on_base(vehicle), poses[vehicle.frames.index("base")]
+    sensors = [(name, x) for name, x in found.items() if x[0] in on_base]
+    if not sensors:
+        return nothing
+    name, (frame, position, quaternion) = min(sensors, key=lambda x: np.isnan(x[1][2]).all())
+    mounted = np.linalg.inv(home) @ poses[vehicle.frames.index(frame)]
+    attitude = Rotation.from_quat(base.quaternion)
+    if np.isfinite(quaternion).any():
+        known = np.where(np.isfinite(quaternion), quaternion, [0.0, 0.0, 0.0, 1.0])
+        attitude = Rotation.from_quat(known) * Rotation.from_matrix(mounted[:3, :3]).inv()
+    else:
+        _log.warning("%s: no sensor reads the attitude; it is taken without noise", source)
+    fresh = _new(position)
+    turned = attitude.as_quat() + 0.0 * (fresh[:, :1] if np.isfinite(quaternion).any() else 0.0)
+    return name, fresh - attitude.apply(mounted[:3, 3]), turned
+
+
+def _on_base(vehicle: Vehicle) -> list[str]:
+    """Frames that no joint moves."""
+    ways = vehicle.module.frame_jacobians(vehicle.neutral)[..., vehicle.layout.v.joints]
+    return [frame for frame, way in zip(vehicle.frames, ways, strict=True) if not way.any()]
 
 
 def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recording]:
@@ -157,14 +214,18 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
             f"log (--name {lacking[0]}=NAME)"
         )
     logged: dict[Any, Samples] = {("u", name): sent[name] for name in vehicle.commands}
-    if log.position is not None and log.attitude is not None:
+    if vehicle.layout.q.base and log.position is not None and log.attitude is not None:
         known = known_attitudes(log.attitude.values)
         logged |= {"position": log.position, "attitude": log.attitude._replace(values=known)}
     logged |= {("q", name): samples for name, samples in log.joints.items()}
     logged |= {("imu", frame): samples for frame, samples in log.imus.items()}
     series = cleaned(logged, source)
-    if few := [name for name, samples in series.items() if len(samples.time) < _LEAST]:
-        raise UsageError(f"{source}: has fewer than {_LEAST} samples of {title(few[0])}")
+    read = {name: samples for name, samples in series.items() if name[0] != "u"}
+    for name in series.keys() & {"position", "attitude"}:
+        fresh = np.isfinite(_new(series[name].values)[:, 0])
+        series[name] = series[name].rows(fresh | (np.arange(len(fresh)) == len(fresh) - 1))
+    if few := [name for name, samples in series.items() if len(samples.time) < _LEAST_READINGS]:
+        raise UsageError(f"{source}: has fewer than {_LEAST_READINGS} samples of {title(few[0])}")
     _take_back_delay(series, source)
     spacing = {name: float(np.median(np.diff(s.time))) * 1e-9 for name, s in series.items()}
     rates = ", ".join(f"{title(name)} {1.0 / x:.4g}" for name, x in spacing.items())
@@ -174,6 +235,7 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
         _log.warning(words, source, 1.0 / seldom)
     step = max(_SHORTEST, min(x for name, x in spacing.items() if name[0] != "u"))
     begin, end = (f(s.time[k] for s in series.values()) for f, k in ((max, 0), (min, -1)))
+    tell_gaps(read, source, begin, "the motion is found without it there")
     grid = begin + np.round(np.arange(0.0, (end - begin) * 1e-9, step) * 1e9).astype(np.int64)
     half = round(0.5e9 * step)
     arrays: dict[Any, Array] = {
@@ -275,6 +337,8 @@ def _take_back_delay(series: dict[Any, Samples], source: str) -> None:
     misses = np.array([np.var(other[inner] - np.roll(one, -lag)[inner]) for lag in lags])
     best = int(np.argmin(misses))
     if not 0 < best < len(lags) - 1 or misses[best] > _UNLIKE * np.var(other[inner]):
+        words = "%s: turns too little, or unlike its IMU, to tell whether the pose lags the IMU"
+        _log.warning(words, source)
         return
     before, at, after = misses[best - 1 : best + 2]
     delay = (lags[best] + 0.5 * (before - after) / (before - 2.0 * at + after)) * _FINE
@@ -300,21 +364,43 @@ def felt_names(frames: Sequence[str]) -> list[str]:
     return [f"IMU at {frame}, {kind}" for frame in frames for kind in kinds]
 
 
-def _turn(module: Any, layout: Layout, frames: Sequence[str]) -> tuple[int, Array]:
-    """Which of some frames is on the base, the first of all, and its axes (3, 3) in the base's.
+def _reckoned_by_imu(
+    vehicle: Vehicle, recording: Recording, frames: Sequence[str]
+) -> tuple[Array, Array]:
+    """Coordinates (s, ·) of a base that stays where it is and turns as an IMU tells, and its spin.
 
-    Raises `UsageError` if none is.
+    Its gyroscope tells how attitudes follow each other, and the mean of specific forces, which is
+    vertical of what does not fly away, where up is. Raises `UsageError` if no IMU is on the base.
     """
-    neutral, joints = np.array(layout.neutral), layout.v.joints
-    places = [module.FRAMES.index(frame) for frame in frames]
-    moves = module.frame_jacobians(neutral)[places][..., joints].any(axis=(1, 2))
-    if moves.all():
+    layout, count = vehicle.layout, len(recording.time)
+    frame = next((f for f in frames if f in _on_base(vehicle)), None)
+    if frame is None:
         raise UsageError(
             f"without a pose an IMU on the base is needed, and {', '.join(frames)} are on links; "
             "give a log with an IMU on the base, or with a pose"
         )
-    place = int(np.argmin(moves))
-    return place, np.asarray(module.frame_poses(neutral)[places[place], :3, :3])
+    for f in frames:
+        if (np.isfinite(recording.imus[f]).sum(axis=0) < _LEAST_READINGS).any():
+            raise UsageError(
+                f"{recording.source}: has no pose, and in a part an IMU has no readings; cut that "
+                "part out (--between)"
+            )
+    axes = vehicle.module.frame_poses(vehicle.neutral)[vehicle.frames.index(frame), :3, :3]
+    force, spin = np.split(_filled(recording.imus[frame]), 2, axis=1) @ axes.T
+    attitudes = [Rotation.identity()]
+    for step in Rotation.from_rotvec(recording.step * spin[:-1]):
+        attitudes.append(attitudes[-1] * step)
+    turned = Rotation.concatenate(attitudes)
+    slow = butter(1, _SWAY, fs=1 / recording.step, output="sos")
+    up = sosfiltfilt(slow, turned.apply(force), axis=0)
+    cosine = np.linalg.norm(up, axis=1) + up[:, 2]
+    turned = (
+        Rotation.from_quat(np.column_stack([up[:, 1], -up[:, 0], 0.0 * cosine, cosine])) * turned
+    )
+    arrays: dict[Any, Array] = dict.fromkeys(("position", "velocity", "spin"), np.zeros((count, 3)))
+    arrays["attitude"] = quaternions_of(turned.as_matrix())
+    joints = {(kind, name): np.zeros(count) for name in vehicle.joint_names for kind in "qv"}
+    return motion_of(vehicle, arrays | joints, recording.time)[0][:, layout.q.base], spin
 
 
 def _new(values: Array) -> Array:
@@ -338,6 +424,15 @@ def deviation(values: Array, floor: float, increments: bool = False) -> Array:
     return found
 
 
+def delayed(commands: Array, samples: float) -> Array:
+    """Commands (s, nu) that many samples later, the first until then, smoothly in the delay."""
+    if not samples:
+        return commands
+    times = np.arange(len(commands))
+    later: Array = PchipInterpolator(times, commands)(np.clip(times - samples, 0, times[-1]))
+    return later
+
+
 def input_noise(recordings: Sequence[Recording], module: Any) -> Array:
     """Deviations (nu) of inputs that were measured, the least of those that servos make."""
     if getattr(module, "COMMANDS", ()):
@@ -350,7 +445,7 @@ class Readings:
 
     `q` (s, nq) are those that are known, `has` (s, nd) which; `felt` (s, 6 i) of IMUs, NaN where
     there is none, by `frames`, and `felt_filled`. `blind` if no reading tells the pose of a base
-    that flies.
+    that flies; then it has the pose that an IMU tells, with deviations that say next to nothing.
     """
 
     def __init__(self, recording: Recording, module: Any, frames: tuple[str, ...]) -> None:
@@ -362,22 +457,16 @@ class Readings:
             q = _reckoned(vehicle, q)
         known = np.isfinite(q)
         lacking = known.sum(axis=0) < _LEAST_READINGS
-        # Without a pose it is as good to stay in one: accelerometers do not feel gravity.
         self.blind = bool(layout.moves_freely and frames and lacking[layout.q.base].all())
+        if not {*frames} <= {*recording.imus}:
+            raise UsageError(f"{recording.source}: has no IMU at {', '.join(frames)}, as others do")
         if self.blind:
-            if not layout.is_quaternion:
-                raise UsageError(
-                    f"{self.source}: has no pose, which attitude angles need; set attitude = "
-                    '"quaternion" in the robot file'
-                )
             lacking[layout.q.base] = False
             known[:, layout.q.base] = True
-            q[:, layout.q.base] = np.array(layout.neutral)[layout.q.base]
+            q[:, layout.q.base], spins = _reckoned_by_imu(vehicle, recording, frames)
         if lacking.any():
             names = ", ".join(np.array(module.COORDINATES)[lacking])
             raise UsageError(f"{recording.source}: has no readings of {names}")
-        if not {*frames} <= {*recording.imus}:
-            raise UsageError(f"{recording.source}: has no IMU at {', '.join(frames)}, as others do")
         h, count, self.commands = recording.step, len(recording.time), recording.commands
         smooth = _filled(np.where(known, q, np.nan))
         self.q = np.where(known, q, smooth)
@@ -388,11 +477,6 @@ class Readings:
         self.felt = np.concatenate(
             [np.zeros((count, 0)), *(recording.imus[frame] for frame in frames)], axis=1
         )
-        if self.blind and (np.isfinite(self.felt).sum(axis=0) < _LEAST_READINGS).any():
-            raise UsageError(
-                f"{self.source}: has no pose, and in a part an IMU has no readings; cut that "
-                "part out (--between)"
-            )
         self.felt_filled = _filled(self.felt)
         low = butter(4, min(_CUTOFF, 0.4 / h), fs=1 / h, output="sos")
         guess = sosfiltfilt(low, smooth, axis=0)
@@ -408,9 +492,10 @@ class Readings:
             moves = vehicle.displacement(self.q[rows][:-1], self.q[rows][1:])[:, [k]]
             self.deviations[k] = deviation(moves, floor, increments=True)[0]
         if self.blind:
-            place, axes = _turn(module, layout, frames)
-            spins = self.felt_filled[:, 6 * place + 3 : 6 * place + 6]
-            self.rates[:, layout.v.attitude] = spins @ axes.T
+            self.deviations[layout.displaced.position] = _ANYWHERE
+            self.deviations[layout.displaced.attitude] = _ANYHOW
+            if layout.is_quaternion:
+                self.rates[:, layout.v.attitude] = spins
         floors = [*[_FLOOR_FELT] * 3, *[_FLOOR_SPIN] * 3]
         self.felt_deviations = np.array(
             [

@@ -3,7 +3,8 @@
 What was measured and what the model gives for it are low-passed alike, which takes noise away and
 no motion. What was commanded is known, and accelerations err: as factors, as they are in inverse
 dynamics, their noise would draw inertias down. So a fit of the motion begins well however far off
-the robot file is; and where no log tells a pose, this is the fit.
+the robot file is; and where no log tells a pose and no motion explains the readings, as of real
+flights on which unknown torques act, this is the fit.
 """
 
 from __future__ import annotations
@@ -12,13 +13,12 @@ import logging
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 from scipy.signal import butter, sosfiltfilt
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.identification.model import Model
-from gibbs_codegen.identification.recorded import Readings, felt_names
+from gibbs_codegen.identification.recorded import DELAY, Readings, delayed, felt_names
 from gibbs_codegen.identification.unknowns import Unknowns
 
 _log = logging.getLogger("gibbs_codegen")
@@ -29,8 +29,8 @@ _FAST, _SLOW = 10.0, 2.0
 _SAMPLES, _EDGE, _OUTLIER = 5, 0.4, 3.0
 # Every how many commands tell how actuators follow.
 _SPARSE = 20
-# The deviation of a delay, s, before a log tells it; none where poses tell what a lag does.
-_DELAY, _NO_DELAY = 0.02, 1e-9
+# The deviation of a delay, s, where poses tell what a lag does.
+_NO_DELAY = 1e-9
 # Changes of unknowns, and of the delay over its deviation: for differences, and at most; shares of
 # deviations that are none, or where a fit of the motion goes on; iterations at most.
 _DIFFERENCE, _MOST, _SETTLED, _ROUGHLY, _ITERATIONS = 1e-4, 0.7, 0.03, 0.5, 25
@@ -76,7 +76,7 @@ class Regression:
         self.names = [f"acceleration along {model.module.VELOCITIES[k]}" for k in self._places]
         felt = felt_names(logs[0].frames)
         self.names += [felt[k] for k in self._felt]
-        delay = _DELAY if self.blind else _NO_DELAY
+        delay = DELAY if self.blind else _NO_DELAY
         self.prior = np.append(unknowns.prior, delay)
         self._sizes = np.array([*[1.0] * len(unknowns.names), delay])
         self._states = [
@@ -111,7 +111,7 @@ class Regression:
             # Most numbers change nothing of actuators.
             key = float(y[-1]), self.model.pace(log.commands[::_SPARSE], machine.constants)
             if key not in known:
-                commands = _delayed(log.commands, key[0] / self.model.h) if y[-1] else log.commands
+                commands = delayed(log.commands, key[0] / self.model.h)
                 known[key] = commands, self.model.levels(commands, machine.constants)
             commands, x = known[key]
             after, felt = self.model({**state, "x": x}, machine, command=commands, drag=0.0)
@@ -169,10 +169,3 @@ class Regression:
         sums, inverse = self._sums(slopes * misses[:, np.newaxis]), np.linalg.inv(normal)
         far = np.append(np.full(len(y) - 1, max(1.0, np.mean((y / self.prior)[:-1] ** 2))), 1.0)
         return np.asarray(inverse @ (sums.T @ sums + np.diag(far / self.prior**2)) @ inverse)
-
-
-def _delayed(commands: Array, samples: float) -> Array:
-    """Commands (s, nu) that many samples later, the first until then, smoothly in the delay."""
-    times = np.arange(len(commands))
-    later: Array = PchipInterpolator(times, commands)(np.clip(times - samples, 0, times[-1]))
-    return later

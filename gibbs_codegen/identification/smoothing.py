@@ -29,7 +29,7 @@ from scipy.linalg.lapack import dpotrf, dtrtri
 
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.identification.model import MachineNumbers, Model
-from gibbs_codegen.identification.recorded import Readings
+from gibbs_codegen.identification.recorded import DELAY, Readings, delayed
 from gibbs_codegen.identification.unknowns import Unknowns
 
 # Deviations of what a step leaves, by the root of its time, s: of q, v and actuators, SI units.
@@ -88,23 +88,29 @@ class Smoother:
         # Samples from state to state.
         self.samples = max(1, round(_SPACING / model.h)) if model.free else 1
 
-        def grouped(name: str, **fill: Any) -> Array:
+        def grouped(arrays: Sequence[Array], **fill: Any) -> Array:
             """Series of logs (s, samples, ·), each filled up at its end."""
             ends = [[(0, -len(log.q) % self.samples), (0, 0)] for log in logs]
-            pairs = zip([getattr(log, name) for log in logs], ends, strict=True)
+            pairs = zip(arrays, ends, strict=True)
             whole = np.concatenate([np.pad(series, end, **fill) for series, end in pairs])
             return whole.reshape(len(whole) // self.samples, self.samples, whole.shape[1])
 
-        self.command, self.q = (grouped(name, mode="edge") for name in ("commands", "q"))
-        self.felt = grouped("felt", constant_values=np.nan)
+        self.q = grouped([log.q for log in logs], mode="edge")
+        self.felt = grouped([log.felt for log in logs], constant_values=np.nan)
         # Whether a state is followed by the next, of the same log.
         self.follows = np.ones((len(self.q), 1))
         self.follows[np.cumsum([-(-len(log.q) // self.samples) for log in logs]) - 1] = 0.0
         self._machine = lru_cache(64)(
             lambda z: model.machine(unknowns.parameters(np.frombuffer(z)))
         )
+        # Commands, by how much later readings are, which only poses tell from lags.
+        self.late = int(any(log.blind for log in logs))
+        self.commands = lru_cache(64)(
+            lambda delay: grouped([delayed(x.commands, delay / model.h) for x in logs], mode="edge")
+        )
         self._pool = ThreadPoolExecutor(os.cpu_count())
-        self.has = np.concatenate([grouped("has"), np.isfinite(self.felt)], axis=2)
+        has = grouped([log.has for log in logs])
+        self.has = np.concatenate([has, np.isfinite(self.felt)], axis=2)
         self.felt = np.nan_to_num(self.felt)
         weights = [np.concatenate([log.deviations, log.felt_deviations]) for log in logs]
         # Of the readings of all samples of a state (s, m).
@@ -118,7 +124,7 @@ class Smoother:
         self.imus = self.felt.shape[2]
         drag = [_DRAG * float(model.machine({}).given["scale"][0])] * model.free
         biases = ([_BIASES[0]] * 3 + [_BIASES[1]] * 3) * (self.imus // 6)
-        self.prior = np.array([*unknowns.prior, *drag, *biases])
+        self.prior = np.array([*unknowns.prior, *drag, *[DELAY] * self.late, *biases])
         firsts = zip(
             *([log.guess, log.rates, model.levels(log.commands)] for log in logs), strict=True
         )
@@ -142,14 +148,17 @@ class Smoother:
     def _given(self, state: Mapping[str, Array], rows: Any = _ALL) -> dict[str, Array]:
         """Some states, each with the next one and what was read from it to that."""
         ahead = {f"next_{name}": np.roll(state[name], -1, axis=0) for name in "qvx"}
-        series = {"commands": self.command, "felt": self.felt}
-        series |= {f"read_{k}": self.q[:, k] for k in range(self.samples)}
+        series = {"felt": self.felt} | {f"read_{k}": self.q[:, k] for k in range(self.samples)}
         return {name: x[rows] for name, x in {**state, **ahead, **series}.items()}
 
-    def _off(self, shared: Array, given: Mapping[str, Array], change: Array) -> Array:
+    def _off(
+        self, shared: Array, given: Mapping[str, Array], change: Array, rows: Any = _ALL
+    ) -> Array:
         """What readings and next states are off (s, ·), without biases, after a change."""
         machine, drag = self.machine(shared)
+        delay = float(shared[len(shared) - self.imus - 1]) if self.late else 0.0
         numbers = {**given, **machine.given, "change": change, "drag": drag}
+        numbers["commands"] = self.commands(delay)[rows]
         return np.asarray(self._window(numbers, {"robot": machine.constants})["off"], float)
 
     def _residuals(self, estimate: Estimate) -> tuple[Array, Array, Array]:
@@ -177,9 +186,12 @@ class Smoother:
         for k in range(self.samples):
             felt = k * (model.nd + self.imus) + model.nd + biases
             slopes[n + free - len(biases) + biases, :, felt] = _STEP
-        here, told = self._off(shared, given, np.zeros(n)), slopes[..., : reads + n - model.pulls]
+        here, told = (
+            self._off(shared, given, np.zeros(n), rows),
+            slopes[..., : reads + n - model.pulls],
+        )
         for place, way in enumerate(_STEP * np.eye(n + free - len(biases), n + len(shared))):
-            told[place] = self._off(shared + way[n:], given, way[:n]) - here
+            told[place] = self._off(shared + way[n:], given, way[:n], rows) - here
         heavy = np.concatenate([self._weights[rows], weights * self.follows[rows]], axis=1)
         slopes *= heavy / _STEP
         slopes[-1] = residuals[rows]

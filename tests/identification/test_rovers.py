@@ -90,7 +90,9 @@ def test_how_certain_states_are_is_that_of_the_dense_equations(flight, monkeypat
     model, unknowns = model_of(module, [recording]), Unknowns(module, [*REAL], 0.3)
     smoother = Smoother(model, unknowns, [Readings(recording, module, ())])
     monkeypatch.setattr("gibbs_codegen.identification.smoothing._EVERY", 1)
-    for name in ("command", "q", "has", "felt", "follows", "_weights"):
+    commands = smoother.commands(0.0)[:samples]
+    smoother.commands = lambda delay: commands
+    for name in ("q", "has", "felt", "follows", "_weights"):
         setattr(smoother, name, getattr(smoother, name)[:samples])
     smoother.follows[-1] = 0.0
     state = {name: values[:samples] for name, values in smoother.first.items()}

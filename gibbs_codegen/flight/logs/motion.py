@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.flight.plant.kinematics import kinematics_of, quaternions_of
 from gibbs_codegen.flight.record.flight import Flight
@@ -73,3 +76,38 @@ def imus(flight: Flight) -> dict[str, tuple[str, Array]]:
         for k, (name, unit) in enumerate(zip(flight.sensor_names, flight.sensor_units, strict=True))
         if unit == "m/s^2" and name.endswith(last)
     }
+
+
+def places(flight: Flight) -> dict[str, tuple[str, Array, Array]]:
+    """By the name of each pose sensor and GPS its frame, positions (s, 3), m, and quaternions.
+
+    World axes; before the first reading, and of a GPS, these (s, 4) are NaN.
+    """
+    last, found = "_position_x", dict[str, tuple[str, Array, Array]]()
+    for k, (name, frame) in enumerate(zip(flight.sensor_names, flight.sensor_frames, strict=True)):
+        if not (frame and name.endswith(last)):
+            continue
+        sensor, attitude = name.removesuffix(last), np.full((len(flight.time), 4), np.nan)
+        if f"{sensor}_x_axis_x" in flight.sensor_names:
+            x, y = flight.sensors[:, k + 3 : k + 6], flight.sensors[:, k + 6 : k + 9]
+            known = np.isfinite(x).all(axis=1)
+            axes = np.stack([x, y, np.cross(x, y)], axis=-1)[known]
+            attitude[known] = quaternions_of(Rotation.from_matrix(axes).as_matrix())
+        found[sensor] = frame, flight.sensors[:, k : k + 3], attitude
+    return found
+
+
+def poses(flight: Flight) -> dict[str, tuple[Array, Array]]:
+    """By the name of each sensor of the pose of the frame "base" its readings, as of `places`."""
+    rows = places(flight).items()
+    return {
+        name: (position, attitude)
+        for name, (frame, position, attitude) in rows
+        if frame == "base" and np.isfinite(attitude).any()
+    }
+
+
+def unread(flight: Flight, read: Iterable[str]) -> str:
+    """Names of readings of a flight but those whose names begin in some ways, "" if none."""
+    rest = (name for name in flight.sensor_names if not name.startswith((*read,)))
+    return ", ".join(dict.fromkeys(re.sub("_[xyz]$", "", name) for name in rest))

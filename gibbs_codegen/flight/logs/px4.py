@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError, printable, require
-from gibbs_codegen.flight.logs.motion import base_motion, imus, shares
+from gibbs_codegen.flight.logs.motion import base_motion, imus, poses, shares, unread
 from gibbs_codegen.flight.logs.reading import NO_TIME, Recorded, Samples, of_shares
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
@@ -75,8 +75,8 @@ def topics_of(flight: Flight) -> Topics:
         ),
     }
     exact = np.concatenate([base.specific_force, base.spin], axis=1)
-    of_base = (values for frame, values in imus(flight).values() if frame == "base")
-    sensed = next(of_base, exact)
+    of_base = [(name, felt) for name, (frame, felt) in imus(flight).items() if frame == "base"]
+    sensed = of_base[0][1] if of_base else exact
     measured = {
         **_listed("gyro_rad", turned_over(sensed[:, 3:])),
         "gyro_integral_dt": since,
@@ -102,6 +102,14 @@ def topics_of(flight: Flight) -> Topics:
     }
     if joints:
         topics["joint_states"] = joints
+    seen = [*poses(flight).items()][:1]
+    for _, (position, quaternion) in seen:
+        topics["vehicle_visual_odometry"] = {
+            **_listed("position", north_east_down(position)),
+            **_listed("q", turned_attitude(quaternion)),
+        }
+    if rest := unread(flight, [f"{name}_" for name, _ in (*of_base[:1], *seen)]):
+        _log.warning("not written to the tables: readings %s", rest)
     return {topic: {"timestamp": time, **fields} for topic, fields in topics.items()}
 
 

@@ -203,14 +203,7 @@ def _time_base(
         )
     if rate is None and cutoff is None:
         return begin, np.asarray((most - begin) * 1e-9)
-    for name, samples in series.items():
-        gaps = np.diff(samples.time)
-        if np.max(gaps) > _LONG_GAP * np.median(gaps):
-            late = samples.time[np.argmax(gaps)]
-            _log.warning(
-                "%s: %s is not known for %.3g s after %.4g s; a spline fills the gap",
-                *(source, title(name), np.max(gaps) * 1e-9, (late - begin) * 1e-9),
-            )
+    tell_gaps(series, source, begin, "a spline fills the gap")
     step = 1.0 / rate if rate else float(np.median(np.diff(most))) * 1e-9
     if cutoff is not None and not 0.0 < cutoff < 0.5 / step:
         raise UsageError(
@@ -226,6 +219,18 @@ def _time_base(
     if len(seconds) < _LEAST:
         raise UsageError(f"rate: {len(seconds)} samples are left; a flight needs {_LEAST}")
     return begin, seconds
+
+
+def tell_gaps(series: Mapping[Any, Samples], source: str, begin: int, then: str) -> None:
+    """Warn of each series that is not known for long, in a log that begins at a time, ns."""
+    for name, samples in series.items():
+        gaps = np.diff(samples.time)
+        if np.max(gaps, initial=0) > _LONG_GAP * np.median(gaps):
+            late = samples.time[np.argmax(gaps)]
+            _log.warning(
+                "%s: %s is not known for %.3g s after %.4g s; %s",
+                *(source, title(name), np.max(gaps) * 1e-9, (late - begin) * 1e-9, then),
+            )
 
 
 def known_attitudes(quaternions: Array) -> Array:

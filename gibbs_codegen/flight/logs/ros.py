@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from gibbs_codegen.errors import UsageError, printable, require
 from gibbs_codegen.flight.logs.bags import ACTUATORS, message_types, read_messages
 from gibbs_codegen.flight.logs.cdr import encoded, stamps, times_of
-from gibbs_codegen.flight.logs.motion import base_motion, imus, shares
+from gibbs_codegen.flight.logs.motion import base_motion, imus, poses, shares, unread
 from gibbs_codegen.flight.logs.reading import (
     NO_TIME,
     Recorded,
@@ -123,6 +123,12 @@ def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
             }
             # Below /imu, so that none takes the place of another topic.
             topics["/imu" if name == "imu" else f"/imu/{name}"] = ("sensor_msgs/msg/Imu", measured)
+    for name, (position, quaternion) in poses(flight).items():
+        pose = {"position": _named("xyz", position), "orientation": _named("xyzw", quaternion)}
+        topic = "/pose" if name == "pose" else f"/pose/{name}"
+        topics[topic] = ("geometry_msgs/msg/PoseStamped", {"header": header, "pose": pose})
+    if rest := unread(flight, [f"{name}_" for name in (*imus(flight), *poses(flight))]):
+        _log.warning("not written to the bag: readings %s", rest)
     return topics
 
 
