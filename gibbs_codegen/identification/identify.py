@@ -182,9 +182,11 @@ def identify(
     rest = [Readings(r, module, frames) for r in parts]
     longest = max(used, key=lambda recording: len(recording.time))
     first = Readings(part_of(longest, slice(_FIRST)), module, frames)
-    y, _ = Regression(model, unknowns, [first]).run()
-    far = np.isfinite(y).all() and np.any(np.abs(y[:-1]) > _FAR * unknowns.prior)
-    begin = np.where(far, y[:-1], 0.0)
+    start = begin = np.zeros(len(unknowns.names))
+    if first.blind:  # Where a pose is read, accelerations would take a servo's lag for its damping.
+        y, _ = Regression(model, unknowns, [first]).run()
+        far = np.isfinite(y).all() and np.any(np.abs(y[:-1]) > _FAR * unknowns.prior)
+        start = begin = np.where(far, y[:-1], 0.0)
 
     def fitted(
         logs: Sequence[Readings], start: Array, what: str, numbers: bool = True
@@ -197,7 +199,6 @@ def identify(
             estimate, lambda detail, share: progress(f"{what}: {detail}", share), *settings
         )
 
-    start = begin
     if sum(len(r.time) for r in used) > 1.5 * _FIRST:
         smoother, estimate = fitted([first], begin, "first samples")
         start = estimate.shared
