@@ -129,7 +129,8 @@ class Model:
 
         Each step leaves `kept` of the pull. By samples `off` has displacements (nd) of q from what
         is read, `read_0` and so on, and what IMUs feel beyond `felt` (samples, 6 i); at its end it
-        has the way (nd + nv + nx) from the next state, `next_q`, `next_v` and `next_x`.
+        has the way (nd + nv + nx) from the next state, `next_q`, `next_v` and `next_x`. Coordinates
+        at samples are `seen_0` and so on.
         """
         robot, (q, v, x, command, pull, *shared) = self._robot, self._step.inputs
         ends = np.cumsum([0, self.nd, self.nv, self.nx, self.pulls]).tolist()
@@ -144,13 +145,15 @@ class Model:
         ahead += [variable(f"next_{name}", y.size) for name, y in (("v", v), ("x", x))]
         given = q, v, x, pull, change, *series, *read, *ahead, *shared
         v, x, pull = (y + z for y, z in zip((v, x, pull), others, strict=True))
-        q, off = robot.displaced(q, of_q), []
-        for command, felt, place in zip(*series, read, strict=True):
+        q, off, outputs = robot.displaced(q, of_q), [], {}
+        for k, (command, felt, place) in enumerate(zip(*series, read, strict=True)):
             feels = self._step.results(q, v, x, command, pull, *shared)
             off += [robot.displacement(place, q), feels["felt"] - felt]
+            outputs[f"seen_{k}"] = q
             (q, v, x), pull = (feels[name] for name in _NEXT), kept * pull
         off += [robot.displacement(ahead[0], q), v - ahead[1], x - ahead[2]]
-        return compile_program(Program("window", given, {"off": join(*off)}), self.module)
+        outputs["off"] = join(*off)
+        return compile_program(Program("window", given, outputs), self.module)
 
     def levels(self, commands: Array, constants: Any = None) -> Array:
         """States of actuators (s, nx) by commands (s, nu) alone, by Euler's method."""

@@ -151,21 +151,21 @@ class Smoother:
         series = {"felt": self.felt} | {f"read_{k}": self.q[:, k] for k in range(self.samples)}
         return {name: x[rows] for name, x in {**state, **ahead, **series}.items()}
 
-    def _off(
+    def _told(
         self, shared: Array, given: Mapping[str, Array], change: Array, rows: Any = _ALL
-    ) -> Array:
-        """What readings and next states are off (s, ·), without biases, after a change."""
+    ) -> dict[str, Any]:
+        """What readings and next states are `off` (s, ·), without biases, after a change."""
         machine, drag = self.machine(shared)
         delay = float(shared[len(shared) - self.imus - 1]) if self.late else 0.0
         numbers = {**given, **machine.given, "change": change, "drag": drag}
         numbers["commands"] = self.commands(delay)[rows]
-        return np.asarray(self._window(numbers, {"robot": machine.constants})["off"], float)
+        return self._window(numbers, {"robot": machine.constants})
 
     def _residuals(self, estimate: Estimate) -> tuple[Array, Array, Array]:
         """Weighted readings (s, m), what steps leave (s, n), and prior."""
         state, shared, weights = estimate.state, estimate.shared, self._step_weights(estimate)
-        off, pull = self._off(shared, self._given(state), np.zeros(len(weights))), state["pull"]
-        misses, gaps = np.split(off, [self._weights.shape[1]], axis=1)
+        told, pull = self._told(shared, self._given(state), np.zeros(len(weights))), state["pull"]
+        misses, gaps = np.split(told["off"], [self._weights.shape[1]], axis=1)
         biases = np.append(np.zeros(self.model.nd), shared[len(shared) - self.imus :])
         misses = (misses + np.tile(biases, self.samples)) * self._weights
         gaps = np.concatenate([gaps, self.left * pull - np.roll(pull, -1, axis=0)], axis=1)
@@ -186,12 +186,13 @@ class Smoother:
         for k in range(self.samples):
             felt = k * (model.nd + self.imus) + model.nd + biases
             slopes[n + free - len(biases) + biases, :, felt] = _STEP
-        here, told = (
-            self._off(shared, given, np.zeros(n), rows),
-            slopes[..., : reads + n - model.pulls],
-        )
+        # Away from what is seen, not read: an outlier of the place would turn the base.
+        seen = self._told(shared, given, np.zeros(n), rows)
+        given |= {f"read_{k}": seen[f"seen_{k}"] for k in range(self.samples)}
+        here = self._told(shared, given, np.zeros(n), rows)["off"]
+        off = slopes[..., : reads + n - model.pulls]
         for place, way in enumerate(_STEP * np.eye(n + free - len(biases), n + len(shared))):
-            told[place] = self._off(shared + way[n:], given, way[:n], rows) - here
+            off[place] = self._told(shared + way[n:], given, way[:n], rows)["off"] - here
         heavy = np.concatenate([self._weights[rows], weights * self.follows[rows]], axis=1)
         slopes *= heavy / _STEP
         slopes[-1] = residuals[rows]
