@@ -14,6 +14,7 @@ import tempfile
 import time
 from multiprocessing import get_context
 from pathlib import Path
+from signal import SIG_IGN, SIGINT, signal
 from types import ModuleType
 from typing import Any
 
@@ -199,7 +200,7 @@ def main(count: int, seconds: float, robot: str = "quadrotor_arm_2link") -> None
         # Processes are forked, so that they have the module and the flights.
         FLOWN.update(module=module, free=[*factors], flights=[*zip(*flights, strict=True)])
         fits: list[tuple[Identified, float]] = []
-        with get_context("fork").Pool() as pool:
+        with get_context("fork").Pool(initializer=signal, initargs=(SIGINT, SIG_IGN)) as pool:
             try:
                 for fit in pool.imap(identified, range(count)):
                     fits.append(fit)

@@ -131,7 +131,7 @@ def test_torch_compile_takes_them_whole(pair: Pair) -> None:
     compiled = torch.compile(loss, fullgraph=True, backend="aot_eager")
     for ours, values in zip(torch.autograd.grad(compiled(*given), given), right, strict=True):
         assert torch.equal(ours, values)
-    key = pair.ours.forward_dynamics._on_tensors._given[()].key
+    key = pair.ours.forward_dynamics._on_tensors._by_owners[()].key
     torch.library.opcheck(torch_backend.call, (given[:3], key))
     with pytest.raises(UsageError, match="load the module"):
         torch_backend.call(given, "unheard of")
