@@ -73,7 +73,8 @@ DATA = """
     templates/matlab_parameters.m.jinja templates/matlab_patterns.m.jinja
     templates/matlab_prepare.m.jinja templates/matlab_source.m.jinja
     templates/numpy_module.py.jinja
-    templates/package_init.py.jinja templates/paper.md.jinja templates/placed_robot.toml.jinja
+    templates/package_init.py.jinja templates/paper.html.jinja templates/paper.md.jinja
+    templates/placed_robot.toml.jinja
     templates/robot.toml.jinja templates/web_module.mjs.jinja
 """
 ABOUT = "METADATA RECORD WHEEL entry_points.txt top_level.txt licenses/LICENSE"

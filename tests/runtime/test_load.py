@@ -131,7 +131,7 @@ def test_a_module_that_is_only_c_is_refused_with_what_it_lacks(
     monkeypatch.chdir(tmp_path)
     for name in ("hexarotor", folder):
         with pytest.raises(
-            UsageError, match=r"hexarotor: has no files .* --target c --target numpy$"
+            UsageError, match=r"hexarotor: lacks __init__.py, numpy_.* --target c --target numpy$"
         ):
             load(name, backend="numpy")
 

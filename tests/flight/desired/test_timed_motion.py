@@ -66,7 +66,7 @@ def test_a_line_is_flown_in_the_least_time(hexa: Vehicle) -> None:
     taken = motion.reference.end - 2.0  # a second of rest before and after, as in the scenario
     assert optimum < taken < optimum + 0.03
     assert taken < 6.0
-    assert f"{motion.reference.end:.4g} s instead of 8 s" in motion.said
+    assert f"{motion.reference.end:.4g} s instead of 8 s" in motion.explanation
 
 
 @pytest.mark.slow
@@ -87,7 +87,7 @@ def test_some_limit_is_reached_at_nearly_all_times_and_none_exceeded(
     assert np.mean(share[moves] > 0.98) > least
     # What is said to bind does.
     for each in motion.binding:
-        kind, _, rotor = each.what.partition(" ")
+        kind, _, rotor = each.limit.partition(" ")
         sign = 1.0 if kind == "greatest" else -1.0
         series = sign * inputs[:, hexa.inputs.index(rotor)]
         inside = (time >= each.begin) & (time <= each.end)
@@ -128,7 +128,7 @@ def test_rates_of_thrusts_are_kept(hexa: Vehicle) -> None:
     assert 0.95 * 400.0 < rates.max() < 400.0
     assert np.abs(inputs[:, :6]).max() < 100.0
     assert quick.reference.end < motion.reference.end < quick.reference.end + 1.0
-    assert any(each.what.startswith("rate of") for each in motion.binding)
+    assert any(each.limit.startswith("rate of") for each in motion.binding)
 
 
 @pytest.mark.slow
@@ -144,7 +144,7 @@ def test_limits_of_joints_are_kept_and_a_motion_that_exceeds_them_is_slowed_down
     rates = np.abs(motion.reference(time)[1][:, hexa.arm_rates])
     assert rates[:, 0].max() == pytest.approx(0.4, rel=2e-3)
     assert motion.reference.end > 1.3
-    assert "velocity of theta_7" in {each.what for each in motion.binding}
+    assert "velocity of theta_7" in {each.limit for each in motion.binding}
     effort = {"effort": {"theta_8": 150.0}}
     motion = fastest(hexa, "hover", timing=effort, **changes)
     _, inputs = inputs_of(hexa, motion)
@@ -155,7 +155,7 @@ def test_limits_of_joints_are_kept_and_a_motion_that_exceeds_them_is_slowed_down
 def test_rest_stays_rest(name: str, fast: Callable[[str], ModuleType]) -> None:
     motion = fastest(Vehicle(fast(name)), "hover")
     assert motion.reference.end == motion.scenario.duration == 5.0
-    assert "nothing moves" in motion.said
+    assert "nothing moves" in motion.explanation
     assert motion.binding == ()
 
 
@@ -192,9 +192,9 @@ def test_a_base_that_leans_is_stretched_as_a_whole(fast: Callable[[str], ModuleT
     most = acceleration[:, 2, 2].max() / 9.81 * hover
     needed = np.sqrt(most / (4.6 - hover))
     assert needed < factor < 1.01 * needed
-    assert f"stretched by {factor:.3g}" in motion.said
-    assert "any faster, F_" in motion.said
-    assert "would exceed 4.6 N at t = " in motion.said
+    assert f"stretched by {factor:.3g}" in motion.explanation
+    assert "any faster, F_" in motion.explanation
+    assert "would exceed 4.6 N at t = " in motion.explanation
     assert_allclose(
         motion.scenario.base(factor * 0.7)[0],
         read_scenario("line", {"base": {"path": path}}).base(0.7)[0],
