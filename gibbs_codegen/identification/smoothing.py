@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
+from threadpoolctl import threadpool_limits
 
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.identification.model import MachineNumbers, Model
@@ -224,28 +225,36 @@ class Smoother:
         """
         misses, gaps, prior = self._residuals(estimate)
         chunks = [slice(k, k + _CHUNK) for k in range(0, len(self.q), _CHUNK)]
-        residuals = np.concatenate([misses, gaps], axis=1)
-        parts = self._pool.map(lambda rows: self._part(estimate, free, residuals, rows), chunks)
-        *arrays, corners = zip(*parts, strict=True)
-        diagonal, lines, after = map(np.concatenate, arrays)
-        corner, weights = np.sum(corners, axis=0), self._step_weights(estimate)
-        n, pulls = len(weights), range(len(weights) - self.model.pulls, len(weights))
-        diagonal[1:, range(n), range(n)] += weights**2 * self.follows[:-1]
-        lines[1:, :, n:] -= after[:-1].transpose(0, 2, 1)
-        diagonal[0, pulls, pulls] += 1.0 / estimate.wind**2
-        lines[0, pulls, -1] += estimate.state["pull"][0] / estimate.wind**2
+        residuals, weights = np.concatenate([misses, gaps], axis=1), self._step_weights(estimate)
+        count, n = len(self.q), len(weights)
+        diagonal, lines = np.empty((count, n, n)), np.empty((count, n, n + free + 1))
+        corner, last = np.zeros((free + 1, free + 1)), np.zeros((1, free + 1, n))
+        reached = np.append([[0.0]], self.follows[:-1], axis=0)
+        pulls = range(n - self.model.pulls, n)
+        with threadpool_limits(1, "blas"):  # Its threads wait for work, on cores that these need.
+            # While this thread eliminates the states of a chunk, others compute the next ones.
+            parts = self._pool.map(lambda rows: self._part(estimate, free, residuals, rows), chunks)
+            for rows, (squares, products, after, square_sums) in zip(chunks, parts, strict=True):
+                corner += square_sums
+                squares[:, range(n), range(n)] += weights**2 * reached[rows]
+                products[..., n:] -= np.concatenate([last, after[:-1]]).transpose(0, 2, 1)
+                last = after[-1:]
+                if not rows.start:
+                    squares[0, pulls, pulls] += 1.0 / estimate.wind**2
+                    products[0, pulls, -1] += estimate.state["pull"][0] / estimate.wind**2
+                for k, (square, line) in enumerate(zip(squares, products, strict=True), rows.start):
+                    if k:
+                        carried = lines[k - 1, :, :n].T @ lines[k - 1]
+                        square -= carried[:, :n]
+                        line[:, n:] -= carried[:, n:]
+                    diagonal[k] = dtrtri(dpotrf(square, lower=True)[0], lower=True)[0]
+                    lines[k] = diagonal[k] @ line
+                flat = lines[rows, :, n:].reshape(-1, free + 1)
+                corner -= flat.T @ flat
         corner[range(free), range(free)] += 1.0 / self.prior[:free] ** 2
         corner[:free, -1] += prior[:free] / self.prior[:free]
         if free and estimate.tilt is not None:
             corner[:free, -1] += estimate.tilt[:free]
-        for k, (square, line) in enumerate(zip(diagonal, lines, strict=True)):
-            if k:
-                carried = lines[k - 1, :, :n].T @ lines[k - 1]
-                square -= carried[:, :n]
-                line[:, n:] -= carried[:, n:]
-            # The inverse of the factor: BLAS would share small triangular systems among cores.
-            square[:] = dtrtri(dpotrf(square, lower=True)[0], lower=True)[0]
-            line[:] = square @ line
         return diagonal, lines, corner
 
     def _tilt(self, estimate: Estimate) -> Array:
@@ -284,8 +293,6 @@ class Smoother:
         """Changes of what is shared, its covariance, and what changes of states (s, n) fit some."""
         diagonal, lines, corner = self._eliminated(estimate, free)
         n = diagonal.shape[-1]
-        flat = lines[..., n:].reshape(-1, free + 1)
-        corner = corner - flat.T @ flat
         if not np.isfinite(corner).all():
             unknown = np.full(lines.shape[:2], np.nan)
             return np.zeros(free), np.diag(self.prior[:free] ** 2), lambda _: unknown
