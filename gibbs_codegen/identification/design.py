@@ -150,8 +150,8 @@ def design(
         tries,
         lambda detail, share: progress(f"flying motions: {detail}", share),
     )
-    slopes, told = unknowns.slopes(z), experiment.covariance(best)[:f, :f]
-    covariance = slopes @ told @ slopes.T
+    slopes, whole = unknowns.slopes(z), experiment.covariance(best)[:f, :f]
+    covariance = slopes @ whole @ slopes.T
     deviations = np.sqrt(np.diag(covariance))
     lines = [
         f"# A motion that identifies these numbers of {module.NAME}; expected standard deviations:"
@@ -161,7 +161,7 @@ def design(
     lines += toml_lines({key: x for key, x in tables.items() if not isinstance(x, Mapping)})
     for key, table in tables.items():
         lines += ["", f"[{key}]", *toml_lines(table)] if isinstance(table, Mapping) else []
-    words, text = unseen(unknowns, told, slopes), "\n".join([*lines, ""])
+    words, text = unseen(unknowns, whole, slopes), "\n".join([*lines, ""])
     return Design(module.NAME, names, unknowns.values(z), deviations, covariance, words, text)
 
 

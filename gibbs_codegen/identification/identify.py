@@ -162,10 +162,11 @@ def identify(
         raise UsageError(f"between: {words}")
     unknowns, frames = Unknowns(module, free, prior), imus_of(module, recordings[0])
     model = model_of(module, recordings)
-    if odd := [r for r in recordings if abs(r.step / model.h - 1.0) > 0.01]:
+    if unlike := [r for r in recordings if abs(r.step / model.h - 1.0) > 0.01]:
         raise UsageError(
-            f"{odd[0].source}: has a sample every {odd[0].step:.4g} s, {recordings[0].source} one "
-            f"every {model.h:.4g} s; sample logs alike, or identify from one at a time"
+            f"{unlike[0].source}: has a sample every {unlike[0].step:.4g} s, "
+            f"{recordings[0].source} one every {model.h:.4g} s; "
+            "sample logs alike, or identify from one at a time"
         )
     ends = [round(len(r.time) * (1.0 - hold_out)) for r in recordings]
     used = [part_of(r, slice(end)) for r, end in zip(recordings, ends, strict=True)]
@@ -218,8 +219,8 @@ def identify(
         of_file = np.concatenate([np.zeros(f), estimate.shared[f:]])
         starts = {"by the robot file": of_file, "as identified": estimate.shared}
         errors = [
-            _errors_ahead(*fitted(rest, shared, f"the part held out, {whose}", numbers=False))
-            for whose, shared in starts.items()
+            _errors_ahead(*fitted(rest, shared, f"the part held out, {label}", numbers=False))
+            for label, shared in starts.items()
         ]
         prediction = {name: (errors[0][name], errors[1][name]) for name in errors[0]}
     progress("all samples", 1.0)
@@ -308,10 +309,10 @@ def _by_motion(
 ) -> Identified:
     """What the most likely motion and numbers tell."""
     unknowns, f, module = smoother.unknowns, len(smoother.unknowns.names), smoother.model.module
-    told = np.flatnonzero(np.isfinite(estimate.misses).any(axis=0))
+    measured = np.flatnonzero(np.isfinite(estimate.misses).any(axis=0))
     if smoother.late:  # Nothing reads the pose.
-        told = np.setdiff1d(told, smoother.model.layout.displaced.base)
-    spread = np.sqrt(np.nanmean(np.clip(estimate.misses[:, told], -3, 3) ** 2, axis=0))
+        measured = np.setdiff1d(measured, smoother.model.layout.displaced.base)
+    spread = np.sqrt(np.nanmean(np.clip(estimate.misses[:, measured], -3, 3) ** 2, axis=0))
     # What is not explained by noise makes numbers less certain than noise alone would.
     doubt = max(1.0, float(spread.max()), float(estimate.left.max())) ** 2
     whole = doubted(estimate.covariance, smoother.prior, doubt)
@@ -331,7 +332,7 @@ def _by_motion(
     else:
         for name, error in zip(module.INPUTS, smoother.model.noise.tolist(), strict=True):
             others[f"error of the input {name}, deviation"] = error, float("nan")
-    residuals = dict(zip((names[k] for k in told), spread.tolist(), strict=True))
+    residuals = dict(zip((names[k] for k in measured), spread.tolist(), strict=True))
     z, settled = estimate.shared[:f], estimate.settled
     return _identified(unknowns, z, whole[:f, :f], settled, residuals, others, sources, prediction)
 

@@ -22,33 +22,33 @@ _STYLE = (
 Section = tuple[str, Sequence[str], Sequence[tuple[str, ...]]]
 
 
-def _sections(found: Identified) -> Iterator[Section]:
+def _sections(result: Identified) -> Iterator[Section]:
     """Titles, headings and rows of tables."""
-    if not found.settled:
+    if not result.settled:
         title = (
-            f"{found.robot}: the fit did not converge. The numbers below are not results: they "
+            f"{result.robot}: the fit did not converge. The numbers below are not results: they "
             "have no deviations, and no robot file is written"
         )
-        yield title, ("",), [(words,) for words in found.advice]
+        yield title, ("",), [(words,) for words in result.advice]
     rows: list[tuple[str, ...]] = []
-    for row in zip(found.names, found.before, found.values, found.deviations, strict=True):
+    for row in zip(result.names, result.before, result.values, result.deviations, strict=True):
         name, before, value, deviation = row
         share = f"{100 * deviation / abs(value):.2g} %" if value else ""
         rows.append((name, f"{before:.5g}", f"{value:.5g}", f"{deviation:.2g}", share))
     heads: tuple[str, ...] = ("number", "robot file", "identified", "± deviation", "of it")
-    if not found.settled:
+    if not result.settled:
         heads, rows = (*heads[:2], "where it ended"), [row[:3] for row in rows]
-    yield f"{found.robot}, from {found.source}, in SI units", heads, rows
-    if found.contradictions:
-        rows = [(words,) for words in found.contradictions]
+    yield f"{result.robot}, from {result.source}, in SI units", heads, rows
+    if result.contradictions:
+        rows = [(words,) for words in result.contradictions]
         yield "Contradictions with the robot file", ("",), rows
-    if found.settled:
-        listed = [(words,) for words in found.unseen] or [("Nothing.",)]
+    if result.settled:
+        listed = [(words,) for words in result.unseen] or [("Nothing.",)]
         yield "What the log cannot identify", ("",), listed
-    size = np.sqrt(np.diag(found.covariance))
-    correlation = found.covariance / np.outer(size, size)
+    size = np.sqrt(np.diag(result.covariance))
+    correlation = result.covariance / np.outer(size, size)
     pairs = [
-        (abs(correlation[i, j]), found.names[i], found.names[j], f"{correlation[i, j]:.3f}")
+        (abs(correlation[i, j]), result.names[i], result.names[j], f"{correlation[i, j]:.3f}")
         for i in range(len(size))
         for j in range(i)
         if abs(correlation[i, j]) > _CORRELATED
@@ -57,21 +57,21 @@ def _sections(found: Identified) -> Iterator[Section]:
         title = f"Most correlated numbers, at most {_MOST}"
         rows = [pair[1:] for pair in sorted(pairs, reverse=True)[:_MOST]]
         yield title, ("number", "with", "correlation"), rows
-    if found.prediction:
-        rows = [(name, *(f"{x:.3g}" for x in pair)) for name, pair in found.prediction.items()]
+    if result.prediction:
+        rows = [(name, *(f"{x:.3g}" for x in pair)) for name, pair in result.prediction.items()]
         title = "Errors of predictions in the held-out part of the log"
         yield title, ("of", "by the robot file", "as identified"), rows
     rows = [
         (name, f"{x:.4g}", f"{s:.2g}" if np.isfinite(s) else "")
-        for name, (x, s) in found.others.items()
+        for name, (x, s) in result.others.items()
     ]
     if rows:
         yield (
             "Besides",
-            ("", "value", "± deviation")[: 2 + found.settled],
-            [row[: 2 + found.settled] for row in rows],
+            ("", "value", "± deviation")[: 2 + result.settled],
+            [row[: 2 + result.settled] for row in rows],
         )
-    rows = [(name, f"{x:.2f}") for name, x in found.residuals.items()]
+    rows = [(name, f"{x:.2f}") for name, x in result.residuals.items()]
     title = (
         "Residuals: of readings divided by their deviations, about 1 if the model explains "
         "them; of accelerations the unexplained share"
@@ -79,9 +79,9 @@ def _sections(found: Identified) -> Iterator[Section]:
     yield title, ("reading", "root mean square"), rows
 
 
-def text_report(found: Identified) -> str:
+def text_report(result: Identified) -> str:
     """The report as text."""
-    return as_text(_sections(found))
+    return as_text(_sections(result))
 
 
 def as_text(sections: Iterable[Section]) -> str:
@@ -96,11 +96,11 @@ def as_text(sections: Iterable[Section]) -> str:
     return "\n".join(lines)
 
 
-def html_report(found: Identified) -> str:
+def html_report(result: Identified) -> str:
     """The report as a page."""
-    parts = [f"<!doctype html><meta charset=utf-8><title>{html.escape(found.robot)}</title>"]
+    parts = [f"<!doctype html><meta charset=utf-8><title>{html.escape(result.robot)}</title>"]
     parts.append(f"<style>{_STYLE}</style>")
-    for title, heads, rows in _sections(found):
+    for title, heads, rows in _sections(result):
         parts.append(f"<h2>{html.escape(title)}</h2><table>")
         if any(heads):
             parts.append(_row(heads, "th"))

@@ -125,7 +125,7 @@ class Unknowns:
     def chosen(self, free: Sequence[str]) -> list[str]:
         """Names that patterns choose, in the order of the file; without patterns, by default."""
         tied = {m for name, row in self.members.items() if name.startswith(_ROTORS) for m in row}
-        untold = [
+        by_default = [
             name
             for name, row in self.members.items()
             if _FREE.search(name)
@@ -134,21 +134,21 @@ class Unknowns:
             # A base that stays where it is weighs on the ground alone.
             and not (name.startswith("base_") and self.module.ATTITUDE == FIXED)
         ]
-        by_default = [name for name in untold if name not in tied]
+        one_by_one = [name for name in by_default if name not in tied]
         if not free:
-            return by_default
+            return one_by_one
         chosen = dict[str, None]()
         for pattern in free:
             names = [name for name in self.members if _chooses(pattern, name)]
             if len(names) > 1:  # A pattern chooses no lengths, and rotors' numbers one by one.
-                names = [name for name in names if name in untold] or names
+                names = [name for name in names if name in by_default] or names
             if not names:
                 carried = pattern.startswith(f"{_PAYLOAD}.")
                 known = {n.rpartition("_")[0] for n in self._loads()} if carried else self.members
                 hint = near(pattern, known) or "."
                 raise UsageError(
                     f"--free {printable(pattern)}: {self.module.NAME} has no such number other "
-                    f"than 0{hint} Free by default: {', '.join(by_default)}; `gibbs-codegen "
+                    f"than 0{hint} Free by default: {', '.join(one_by_one)}; `gibbs-codegen "
                     "info` lists all numbers"
                 )
             chosen |= dict.fromkeys(names)
@@ -191,7 +191,7 @@ class Unknowns:
 
     def parameters(self, z: Array) -> dict[str, float]:
         """Parameters of the module, those that differ from the robot file, by unknowns (f)."""
-        changed, loads = self._own_parameters(z), self._carried(z)
+        changed, loads = self._without_loads(z), self._carried(z)
         for body in dict.fromkeys(name.rpartition("_")[0] for name in loads):
             mass, *place = (loads.get(f"{body}_{end}", 0.0) for end in ("mass", *XYZ))
             changed |= self._with_load(body, self.file | changed, mass, np.array(place))
@@ -209,18 +209,18 @@ class Unknowns:
         }
 
     def _with_load(
-        self, body: str, own: dict[str, float], load: float, place: Array
+        self, body: str, unloaded: dict[str, float], load: float, place: Array
     ) -> dict[str, float]:
         """Numbers of a body with a point that has a mass."""
         names = _numbers_of(body)
-        mass, *rest = (own[name] for name in names)
+        mass, *rest = (unloaded[name] for name in names)
         centre, inertia = np.array(rest[:3]), inertia_matrix(rest[3:])
         whole, away = mass + load, place - centre
         moved = inertia + mass * load / whole * (away @ away * np.eye(3) - np.outer(away, away))
         centre = (mass * centre + load * place) / whole
         return dict(zip(names, [whole, *centre.tolist(), *entries_of(moved)], strict=True))
 
-    def _own_parameters(self, z: Array) -> dict[str, float]:
+    def _without_loads(self, z: Array) -> dict[str, float]:
         """Parameters without loads."""
         changed = dict[str, float]()
         for name, value in zip(self.names, z.tolist(), strict=True):
@@ -256,9 +256,11 @@ class Unknowns:
 
     def values(self, z: Array) -> Array:
         """Values (f) of the numbers, of rotors those of the first."""
-        own = self._own_parameters(z)
-        own |= {f"{_PAYLOAD}.{name}": value for name, value in self._carried(z).items()}
-        return np.array([own.get(name, own.get(self.members[name][0])) for name in self.names])
+        values = self._without_loads(z)
+        values |= {f"{_PAYLOAD}.{name}": value for name, value in self._carried(z).items()}
+        return np.array(
+            [values.get(name, values.get(self.members[name][0])) for name in self.names]
+        )
 
     def before(self) -> Array:
         """Values (f) of the robot file, which has no loads."""
