@@ -22,25 +22,23 @@ from gibbs_codegen.identification.recorded import DELAY, Readings, delayed, felt
 from gibbs_codegen.identification.unknowns import Unknowns
 
 _log = logging.getLogger("gibbs_codegen")
-# What is faster is left out, Hz; so is what is slower of turns of a base of which no log tells
-# how fast it goes, since the air turns it by that.
+# What is faster is left out, Hz; so is what is slower of turns of the base, since no log tells how
+# fast it goes, and the air turns it by that.
 _FAST, _SLOW = 10.0, 2.0
 # Samples of a period of what is left, s at both ends that filters spoil, outliers by deviations.
 _SAMPLES, _EDGE, _OUTLIER = 5, 0.4, 3.0
 # Every how many commands tell how actuators follow.
 _SPARSE = 20
-# The deviation of a delay, s, where poses tell what a lag does.
-_NO_DELAY = 1e-9
-# Changes of unknowns, and of the delay over its deviation: for differences, and at most; shares of
-# deviations that are none, or where a fit of the motion goes on; iterations at most.
-_DIFFERENCE, _MOST, _SETTLED, _ROUGHLY, _ITERATIONS = 1e-4, 0.7, 0.03, 0.5, 25
+# Changes of unknowns, and of the delay over its deviation: for differences, and at most; the share
+# of deviations that is none; iterations at most.
+_DIFFERENCE, _MOST, _SETTLED, _ITERATIONS = 1e-4, 0.7, 0.03, 25
 
 
 class Regression:
-    """Accelerations of logs by y: unknowns, and a delay of readings, s.
+    """Accelerations of logs without a pose by y: unknowns, and a delay of readings, s.
 
     `measured` (s, m) are low-passed accelerations by their `names` (m). Logs that are too short
-    are left out. Raises `UsageError` if all are, or slow, and tell no pose.
+    are left out. Raises `UsageError` if all are, or slow.
     """
 
     def __init__(self, model: Model, unknowns: Unknowns, logs: Sequence[Readings]) -> None:
@@ -48,37 +46,32 @@ class Regression:
         h, layout = model.h, model.layout
         edge = round(_EDGE / h)
         self.logs = [log for log in logs if len(log.q) - 1 > 2 * edge]
-        self.blind = any(log.blind for log in logs)
         fast = min(_FAST, 0.4 / h)
+        if fast < 2 * _SLOW:
+            raise UsageError(
+                f"{logs[0].source}: has no pose and {1 / h:.3g} samples a second; such logs need "
+                f"{_SLOW / 0.2:g}: record more often"
+            )
+        if not self.logs:
+            raise UsageError(
+                f"{logs[0].source}: has no pose, and it or its held-out part is too short; "
+                f"filters use up {2 * _EDGE:g} s: record for longer"
+            )
+        for log in logs:
+            if log not in self.logs:
+                words = "%s: a part of %.3g s is left out, because filters use up %g s"
+                _log.warning(words, log.source, h * len(log.q), 2 * _EDGE)
         self._low = butter(3, fast, fs=1 / h, output="sos")
-        if self.blind:
-            if fast < 2 * _SLOW:
-                raise UsageError(
-                    f"{logs[0].source}: has no pose and {1 / h:.3g} samples a second; such logs "
-                    f"need {_SLOW / 0.2:g}: record more often"
-                )
-            if not self.logs:
-                raise UsageError(
-                    f"{logs[0].source}: has no pose, and it or its held-out part is too short; "
-                    f"filters use up {2 * _EDGE:g} s: record for longer"
-                )
-            for log in logs:
-                if log not in self.logs:
-                    words = "%s: a part of %.3g s is left out, because filters use up %g s"
-                    _log.warning(words, log.source, h * len(log.q), 2 * _EDGE)
-            self._turns = butter(3, (_SLOW, fast), "bandpass", fs=1 / h, output="sos")
+        self._turns = butter(3, (_SLOW, fast), "bandpass", fs=1 / h, output="sos")
         self._rows = slice(edge, -edge or None, max(1, round(1 / h / _SAMPLES / fast)))
         self._second = max(1, round(1 / h / self._rows.step))
-        self._places = [*range(model.nv)]
-        if self.blind:
-            self._places = self._places[layout.v.attitude.start :]
-        self._felt = [k for k in range(logs[0].felt.shape[1] * self.blind) if k % 6 < 3]
+        self._places = [*range(layout.v.attitude.start, model.nv)]
+        self._felt = [k for k in range(logs[0].felt.shape[1]) if k % 6 < 3]
         self.names = [f"acceleration along {model.module.VELOCITIES[k]}" for k in self._places]
         felt = felt_names(logs[0].frames)
         self.names += [felt[k] for k in self._felt]
-        delay = DELAY if self.blind else _NO_DELAY
-        self.prior = np.append(unknowns.prior, delay)
-        self._sizes = np.array([*[1.0] * len(unknowns.names), delay])
+        self.prior = np.append(unknowns.prior, DELAY)
+        self._sizes = np.array([*[1.0] * len(unknowns.names), DELAY])
         self._states = [
             {
                 "q": log.guess,
@@ -90,7 +83,7 @@ class Regression:
         # Commands and states of actuators, of each log, by what decides these.
         self._known = [dict[tuple[float, bytes], tuple[Array, Array]]() for _ in self.logs]
         passed = (self._passed(np.diff(log.rates, axis=0), log.felt_filled) for log in self.logs)
-        self.measured = np.concatenate([np.zeros((0, len(self.names))), *passed])
+        self.measured = np.concatenate([*passed])
 
     def _passed(self, changes: Array, felt: Array) -> Array:
         """Rows of what steps change of velocities, and of what IMUs feel, without what is fast."""
@@ -98,15 +91,13 @@ class Regression:
             [changes[:, self._places] / self.model.h, felt[:-1, self._felt]], axis=1
         )
         passed: Array = sosfiltfilt(self._low, series, axis=0)
-        if self.blind:
-            passed[:, :3] = sosfiltfilt(self._turns, series[:, :3], axis=0)
+        passed[:, :3] = sosfiltfilt(self._turns, series[:, :3], axis=0)
         return passed[self._rows]
 
     def misses(self, y: Array) -> Array:
         """Errors (s, m) of accelerations."""
         rows = []
-        fixed = {"gravity": 0.0} if self.blind else {}
-        machine = self.model.machine(self.unknowns.parameters(y[:-1]) | fixed)
+        machine = self.model.machine(self.unknowns.parameters(y[:-1]) | {"gravity": 0.0})
         for log, state, known in zip(self.logs, self._states, self._known, strict=True):
             # Most numbers change nothing of actuators.
             key = float(y[-1]), self.model.pace(log.commands[::_SPARSE], machine.constants)
@@ -119,17 +110,14 @@ class Regression:
         return np.concatenate(rows) - self.measured
 
     def run(self) -> tuple[Array, bool]:
-        """The most likely y, 0 without logs, and whether steps have come to an end."""
+        """The most likely y, and whether steps have come to an end."""
         y, settled = np.zeros(len(self.prior)), False
-        none = _SETTLED if self.blind else _ROUGHLY
-        if not self.logs:
-            return y, settled
         for _ in range(_ITERATIONS):
             slopes, misses, normal = self._weighed(y)
             covariance = np.linalg.inv(normal)
             change = -covariance @ (slopes.T @ misses + y / self.prior**2)
             y = y + np.clip(change, -_MOST * self._sizes, _MOST * self._sizes)
-            if settled := bool(np.all(np.abs(change) < none * np.sqrt(np.diag(covariance)))):
+            if settled := bool(np.all(np.abs(change) < _SETTLED * np.sqrt(np.diag(covariance)))):
                 break
         return y, settled
 

@@ -10,10 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from gibbs_codegen import generate, identify, load, read_scenario, simulate, write_log
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.identification.identify import model_of
 from gibbs_codegen.identification.recorded import Readings, Recording, part_of, recording_of
-from gibbs_codegen.identification.regression import Regression
-from gibbs_codegen.identification.unknowns import Unknowns
 
 # The robot file's, a third of what flies; how much later readings are than commands, s.
 FILE = {"base_inertia_xx": 0.0145, "base_inertia_yy": 0.0145, "base_inertia_zz": 0.0262}
@@ -154,15 +151,6 @@ def test_logs_without_a_pose_that_tell_too_little_are_refused(
 ) -> None:
     with pytest.raises(UsageError, match=words):
         identify(module, change(recording), ["base_inertia_??"])
-
-
-def test_short_logs_with_a_pose_begin_with_the_file_and_need_no_imu(module, recording) -> None:
-    still = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (200, 1))
-    nothing = {"base": np.full((200, 6), np.nan)}
-    log = replace(part_of(recording, slice(200)), q=still, imus=nothing)
-    readings = Readings(log, module, ("base",))
-    model, unknowns = model_of(module, [recording]), Unknowns(module, ["base_mass"], 0.3)
-    np.testing.assert_array_equal(Regression(model, unknowns, [readings]).run()[0], 0.0)
 
 
 FLYING_ARM = """
