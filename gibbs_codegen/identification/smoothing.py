@@ -229,7 +229,7 @@ class Smoother:
         count, n = len(self.q), len(weights)
         diagonal, lines = np.empty((count, n, n)), np.empty((count, n, n + free + 1))
         corner, last = np.zeros((free + 1, free + 1)), np.zeros((1, free + 1, n))
-        reached = np.append([[0.0]], self.follows[:-1], axis=0)
+        reached = np.append(np.zeros((1, 1)), self.follows[:-1], axis=0)
         pulls = range(n - self.model.pulls, n)
         with threadpool_limits(1, "blas"):  # Its threads wait for work, on cores that these need.
             # While this thread eliminates the states of a chunk, others compute the next ones.
