@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from types import ModuleType
 from typing import Any
 
@@ -143,11 +144,15 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
         commands = np.concatenate([0.5 * (commands[every:] + commands[:-every]), commands[-every:]])
     q, read = flight.q.copy(), [f"{name}_" for name in imus(flight)]
     read += [f"{sensor}_{what}_" for what in ("position", "x_axis", "y_axis") if sensor]
-    for place, name in enumerate(flight.coordinates):
-        for k, reading in enumerate(flight.sensor_names):
-            if flight.sensor_frames[k] == "" and reading.endswith(f"_{name}"):
-                q[:, place] = _new(flight.sensors[:, k : k + 1])[:, 0]
-                read.append(reading)
+    at = {
+        place: k
+        for place, name in enumerate(flight.coordinates)
+        for k, reading in enumerate(flight.sensor_names)
+        if flight.sensor_frames[k] == "" and reading.endswith(f"_{name}")
+    }
+    if at:
+        q[:, [*at]] = _new(flight.sensors[:, [*at.values()]])
+        read += [flight.sensor_names[k] for k in at.values()]
     felt = {frame: _new(values) for frame, values in imus(flight).values()}
     if rest := unread(flight, read):
         _log.warning("%s: identify does not use its readings %s", source, rest)
@@ -221,7 +226,7 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
     logged |= {("imu", frame): samples for frame, samples in log.imus.items()}
     series = cleaned(logged, source)
     read = {name: samples for name, samples in series.items() if name[0] != "u"}
-    for name in series.keys() & {"position", "attitude"}:
+    for name in [name for name in series if name[0] not in "qu"]:
         fresh = np.isfinite(_new(series[name].values)[:, 0])
         series[name] = series[name].rows(fresh | (np.arange(len(fresh)) == len(fresh) - 1))
     if few := [name for name, samples in series.items() if len(samples.time) < _LEAST_READINGS]:
@@ -256,7 +261,7 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
             continue
         arrays[name] = interp1d(samples.time, samples.values, axis=0)(grid)
         nearest = np.searchsorted(samples.time, grid - half)
-        known_at[name] = np.abs(samples.time[nearest] - grid) <= half
+        known_at[name] = samples.time[nearest] < grid + half
     q = motion_of(vehicle, arrays, (grid - begin) * 1e-9)[0]
     layout = vehicle.layout.q
     q[:, layout.angles] = np.nan  # Of which nothing is read.
@@ -404,9 +409,20 @@ def _reckoned_by_imu(
 
 
 def _new(values: Array) -> Array:
-    """Readings (s, k), NaN where they repeat the last."""
-    again = np.append(False, np.all(values[1:] == values[:-1], axis=1))
-    return np.where(again[:, np.newaxis], np.nan, values)
+    """Readings (s, k), NaN where a sensor only holds the last until the next.
+
+    At rest a sensor reads the same again, as often as it reads something else in motion.
+    """
+    same = (values[1:] == values[:-1]) | np.isnan(values[1:]) & np.isnan(values[:-1])
+    changes = np.append(0, 1 + np.flatnonzero(~same.all(axis=1)))
+    lengths = np.diff(changes)[1:]  # Before the first change it may have read nothing.
+    period = np.mean(lengths[lengths <= lengths.min() + 1]) if len(lengths) else 1.0
+    fresh = np.full_like(values, np.nan)
+    for begin, end in pairwise([*changes.tolist(), len(values)]):
+        count = max(1, round((end - begin) / period))
+        rows = begin + (period * np.arange(count)).astype(int)
+        fresh[rows] = values[rows]
+    return fresh
 
 
 def deviation(values: Array, floor: float, increments: bool = False) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,15 @@ from scipy.spatial.transform import Rotation
 
 from gibbs_codegen import generate, identify, load, read_scenario, simulate, write_log
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.identification.recorded import Readings, Recording, part_of, recording_of
+from gibbs_codegen.flight.logs.log import recorded_of
+from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.identification.recorded import (
+    Readings,
+    Recording,
+    part_of,
+    recording_of,
+    recordings_of,
+)
 
 # The robot file's, a third of what flies; how much later readings are than commands, s.
 FILE = {"base_inertia_xx": 0.0145, "base_inertia_yy": 0.0145, "base_inertia_zz": 0.0262}
@@ -89,43 +98,64 @@ def test_two_imus_are_told_apart(module, recording) -> None:
     assert {f"IMU at {frame}, acceleration x" for frame in ("base", "camera")} <= {*found.residuals}
 
 
-# A camera's pose, made late by 4 samples, and satellites, whose places and speeds alone are read.
+# A camera's pose, made late by 4 samples; satellites, whose places and speeds alone are read; and a
+# bag of motion capture.
 @pytest.mark.parametrize(
     ("sensor", "keys", "words"),
     [
-        ("pose", {"frame": "camera", "delay": 0.016, "attitude_noise": 1e-3}, "the pose lags"),
-        ("gps", {"horizontal_noise": 0.01, "vertical_noise": 0.01}, "gps_velocity"),
+        ("pose", {"frame": "camera", "delay": 0.016}, "the pose lags"),
+        (
+            "gps",
+            {"frame": "camera", "horizontal_noise": 0.01, "vertical_noise": 0.01},
+            "gps_velocity",
+        ),
+        ("pose", {"frame": "base"}, "not written to the bag: readings barometer_altitude"),
     ],
 )
-def test_a_flight_tells_the_pose_that_its_sensor_reads(
+def test_a_log_tells_the_pose_that_a_sensor_reads_and_what_flew(
     module, tmp_path, caplog, sensor, keys, words
 ) -> None:
     path = {"x": waves((0.5, 2.3)), "y": waves((0.5, 2.9)), "z": waves((0.3, 3.1))}
-    noise = {"position_noise": 0.01} if sensor == "pose" else {}
+    noise = {"position_noise": 0.01, "attitude_noise": 1e-3} if sensor == "pose" else {}
+    real = {"base_mass": 1.9} | {name: 1.3 * value for name, value in FILE.items()}
     changes = {
         "duration": 3,
+        "plant": real,
         "base.path": {"kind": "harmonic", **path},
         "base.attitude": {"kind": "level", "rate_deg": 40},
         "control": {"rate": 250, "frequency": 2, "attitude_frequency": 8},
         "integration": {"method": "rk4", "step": 0.002, "rate": 250},
-        "sensors.imu": [{"rate": 250}],
+        "sensors.imu": [{"rate": 125, "accelerometer_noise": 0.005, "gyroscope_noise": 0.0005}],
         f"sensors.{sensor}": [{"rate": 50, **keys, **noise}],
         "sensors.barometer": [{}],
     }
     flight = simulate(module, read_scenario("circle", changes))
-    told = recording_of(flight, module, "seen")
+    if keys["frame"] == "base":
+        vehicle = Vehicle(module)
+        write_log(flight, tmp_path / "bag")
+        log = recorded_of(vehicle, tmp_path / "bag", {"odometry": "/pose"})
+        (told,) = recordings_of(vehicle, log, "bag")
+    else:
+        told = recording_of(flight, module, "seen")
+        write_log(flight, tmp_path / "tables", "csv")
+        assert not (tmp_path / "tables" / "vehicle_visual_odometry_0.csv").exists()
+        rest = f"not written to the tables: readings barometer_altitude, {sensor}_pos"
+        assert rest in caplog.text
     assert words in caplog.text
-    assert "readings" in caplog.text
-    assert "barometer_altitude" in caplog.text
+    lags = [float(lag) for lag in re.findall(r"lags the IMU by (\S+) s", caplog.text)]
+    assert lags == pytest.approx([keys["delay"]] if "delay" in keys else [], abs=5e-4)
+    assert ("attitude; it is taken without noise" in caplog.text) == (sensor == "gps")
     rows = np.isfinite(told.q[:, 0])
     assert 0.15 < rows.mean() < 0.45
-    away = (told.q - flight.q[: len(rows)])[rows]
+    away = (told.q - flight.q[:: round(told.step / 0.004)][: len(rows)])[rows]
     assert 0.007 < np.std(away[:, :3]) < 0.013
     assert np.abs(away[:, 3:7]).max() < 0.01
-    write_log(flight, tmp_path / "tables", "csv")
-    odometry = tmp_path / "tables" / "vehicle_visual_odometry_0.csv"
-    assert not odometry.exists()
-    assert f"not written to the tables: readings barometer_altitude, {sensor}_pos" in caplog.text
+    found = identify(module, told, [*real])
+    assert found.settled
+    exact = np.array([real[name] for name in found.names])
+    assert np.all(found.deviations < 0.02 * exact)
+    assert np.abs((found.values - exact) / found.deviations).max() < 4.0
+    assert max(found.residuals.values()) < 1.3
 
 
 def quiet(recording: Recording) -> Recording:

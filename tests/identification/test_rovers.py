@@ -70,6 +70,27 @@ def test_numbers_of_a_rover_are_found_within_their_deviations(flight, captured: 
     assert all(after < before for before, after in found.prediction.values())
 
 
+@pytest.mark.parametrize("posed", [True, False])
+def test_what_stands_still_is_read_as_often_as_what_moves(posed: bool, caplog) -> None:
+    """A rover and its arm that stand from 1 s on; a step of the encoder is every 0.04 s on the way.
+
+    Where a sensor reads its pose the grid has its 50 encoder readings a second, not 100 samples.
+    """
+    changes = {
+        "duration": 4,
+        "base": {"path": {"kind": "line", "start": [0, 0, 0], "end": [1, 0, 0], "duration": 1}},
+        "arm": {"moves_deg": {"arm": [{"to": 30, "duration": 1}]}},
+        "sensors.encoders": [{"rate": 50, "delay": 0.01, "resolution": 0.02}],
+        "sensors.pose": [{"rate": 25}] if posed else [],
+    }
+    module = compiled_module(parse_robot(ROVER))
+    flight = simulate(module, read_scenario({**WAY, **changes, "plant": {}}))
+    told = recording_of(flight, module, "stands")
+    shares = np.isfinite(told.q[:, :4]).mean(axis=0)
+    np.testing.assert_allclose(shares, [0.5] * 3 + [1] if posed else [1] * 3 + [0.5], atol=0.02)
+    assert "not known" not in caplog.text
+
+
 def test_a_prior_of_a_number_adds_to_what_the_log_tells_of_it(flight) -> None:
     module = compiled_module(parse_robot(ROVER))
     recording = recording_of(flight, module, "bends")
