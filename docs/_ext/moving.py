@@ -82,7 +82,7 @@ def panel(name: str, words: str, size: tuple[int, int], drawing: str, least: int
     role = "group" if "tabindex" in drawing else "img"
     return f"""<svg viewBox="0 0 {width} {height}" role="{role}" aria-label="{words}" font-size="15"
  fill="none" stroke-width="2" style="flex:1 1 {least}rem;max-width:100%;min-width:0"><defs><marker
- id="{name}-head" viewBox="0 0 10 10" refX="8" refY="5" markerWidth="5" markerHeight="5"
+ id="{name}-head" viewBox="0 0 10 10" refX="8" refY="5" markerWidth="4" markerHeight="4"
  orient="auto"><path d="M0 0L10 5L0 10z" fill="context-stroke"/></marker></defs>{drawing}</svg>"""
 
 

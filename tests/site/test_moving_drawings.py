@@ -517,7 +517,7 @@ def test_books_end_a_third_of_a_turn_apart() -> None:
     cover = np.array([(x, y, 0.18) for x in (-1, 1) for y in (-0.65, 0.65)])
     for k, turned in enumerate((about_x @ about_y, about_y @ about_x)):
         drawn = points(drawings[-1]["d"][f"cover-{k}"])
-        expected = cover @ turned.T @ np.array([right, up]).T * [85, -85] + [135 + 220 * k, 145]
+        expected = cover @ turned.T @ np.array([right, up]).T * [85, -85] + [145 + 270 * k, 145]
         assert np.allclose(
             np.linalg.norm(drawn[:, None] - expected, axis=2).min(axis=0), 0, atol=0.1
         )
@@ -566,7 +566,7 @@ def test_plans_are_what_is_flown_next() -> None:
         "horizon-flown",
     )
     drawings, per_metre = drawings_of(drawing), 800.0
-    assert drawings[0]["words"]["off"] == "59.2 mm off the path"
+    assert drawings[0]["words"]["off"] == "off by 59.2 mm"
     at = [points(drawn["d"]["gripper"])[0] for drawn in drawings]
     # Drawings are two calls apart. The first plans are for steps in which joints are fast.
     for k, drawn in enumerate(drawings[3:-10], start=3):

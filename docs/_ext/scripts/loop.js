@@ -35,6 +35,7 @@ grip("target", () => places(target)[2], (x, y) => {
   draw();
 });
 const draw = () => {
+  values();  // Beside the sliders, while time stands still too.
   const rods = places(q), asked = places(target);
   set("rods", {d: path(rods)});
   set("asked", {d: path(asked)});

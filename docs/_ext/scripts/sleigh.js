@@ -47,7 +47,7 @@ const draw = () => {
   set("band", {d: held() ? path([[x, y], on(...pulled)]) : ""});
   trail.forEach((way, k) => set(["way", "astray"][k], {d: way.length ? path(way.map(at => on(...at))) : ""}));
   const first = centre.map((x, k) => x % scale - scale * (k ? -right[1] % 1 : right[0] % 1));
-  set("grid", {d: [...Array(9).keys()].map(k => `M${first[0] + scale * (k - 1)} 0V300M0 ${first[1] + scale * (k - 1)}H380`).join("")});
+  set("grid", {d: [...Array(9).keys()].map(k => `M${first[0] + scale * (k - 1)} 0V300M0 ${Math.min(first[1] + scale * (k - 1), 300)}H380`).join("")});
   const energy = kinetic_energy(right.slice(0, 3), whole([u, turn]))[0];
   write("numbers", `u ${u.toFixed(2)} m/s, ω ${turn.toFixed(2)} rad/s, energy ${energy.toFixed(3)} J`);
   Object.assign(figure.dataset, {right: JSON.stringify(right), wrong: JSON.stringify(wrong), energy});

@@ -1,7 +1,8 @@
 // One error under a law that is called every h, acts T later, through motors with a lag, and the roots of this loop. `law`
 // and `moved` are the notebook's.
-const tick = 0.001, on = (t, e) => [40 + 100 * t, 120 - 90 * Math.max(Math.min(e, 1.25), -1.25)];
-const round = (e, rate) => [140 + 90 * Math.max(Math.min(e, 1.2), -1.2), 120 - 18 * Math.max(Math.min(rate, 6), -6)];
+// What is far outside of the frames, which clip it, need not be drawn as far.
+const tick = 0.001, near = x => Math.max(Math.min(x, 99), -99);
+const on = (t, e) => [40 + 100 * t, 120 - 90 * near(e)], round = (e, rate) => [140 + 90 * near(e), 120 - 18 * near(rate)];
 const ones = [[1, 0, 0], [0, 1, 0], [0, 0, 1]], transposed = rows => rows[0].map((_, k) => rows.map(row => row[k]));
 // The polynomial of the loop from call to call, highest power first: of x⁺ = A x + now u(k − d) + old u(k − d − 1), u = law(x).
 const polynomial = (h, late, lag) => {
