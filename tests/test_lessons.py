@@ -16,12 +16,15 @@ LESSONS = sorted({p for p in PAGES if p.startswith("docs/lessons/")} - {"docs/le
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", LESSONS)
-def test_a_lesson_prints_what_it_shows(page: str, tmp_path: Path) -> None:
+def test_a_lesson_prints_what_it_shows(
+    page: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
     """Blocks of commands in order; a text block is what those above it print, but for a "…"."""
     if "firmware" in page:
         tool("arm-none-eabi-gcc")
     if "learning" in page:
         pytest.importorskip("gymnasium")
+        request.getfixturevalue("compiled_to_run")
     write_files(page, tmp_path)
     folder = Path(sys.executable).parent
     path = f"{folder}{os.pathsep}{os.environ['PATH']}"

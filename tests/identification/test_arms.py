@@ -13,6 +13,8 @@ from gibbs_codegen.cli.identify import run as command
 from gibbs_codegen.identification.recorded import Recording
 from gibbs_codegen.identification.unknowns import Unknowns
 
+pytestmark = pytest.mark.usefixtures("compiled_to_run")
+
 ARM = machine(
     "arm",
     base(1, [0.02, 0.02, 0.03], motion="fixed"),

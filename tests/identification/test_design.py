@@ -25,6 +25,8 @@ from gibbs_codegen import (
 from gibbs_codegen.flight.scenario.file import parse_scenario
 from gibbs_codegen.identification.design import searched
 
+pytestmark = pytest.mark.usefixtures("compiled_to_run")
+
 ARM = """
 [[link]]
 name = "upper"

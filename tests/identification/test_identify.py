@@ -28,6 +28,8 @@ from gibbs_codegen.identification.recorded import Recording, recording_of, recor
 from gibbs_codegen.identification.robot_file import with_numbers
 from gibbs_codegen.robot.file import parse_robot
 
+pytestmark = pytest.mark.usefixtures("compiled_to_run")
+
 ROBOT = "quadrotor_arm_2link"
 REAL = {"base_mass": 2.3, "forearm_mass": 0.2, "base_inertia_yy": 0.025, "forearm_com_z": -0.09}
 DRAG, BIAS, DELAY = 0.3, (0.05, -0.03, 0.1), 0.0312

@@ -21,6 +21,8 @@ from gibbs_codegen.identification.recorded import (
     recordings_of,
 )
 
+pytestmark = pytest.mark.usefixtures("compiled_to_run")
+
 # The robot file's, a third of what flies; how much later readings are than commands, s.
 FILE = {"base_inertia_xx": 0.0145, "base_inertia_yy": 0.0145, "base_inertia_zz": 0.0262}
 DELAY = 0.009

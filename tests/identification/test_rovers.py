@@ -16,6 +16,8 @@ from gibbs_codegen.identification.recorded import Readings, recording_of
 from gibbs_codegen.identification.smoothing import Smoother
 from gibbs_codegen.identification.unknowns import Unknowns
 
+pytestmark = pytest.mark.usefixtures("compiled_to_run")
+
 ROVER = cart(
     "rover",
     link("arm", "z", [0.2, 0, 0.4], 3, [0.3, 0, 0], [0.01, 0.1, 0.1]),

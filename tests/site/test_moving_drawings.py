@@ -36,6 +36,11 @@ def cells() -> dict[str, tuple[Any, dict[str, Any]]]:
     return run_cells(notebook.cells, {TANGENT, PENDULUM})
 
 
+@pytest.fixture(scope="module")
+def hybrid() -> str:
+    return hybrid_equation()
+
+
 def numbers(page: Page, key: str, attribute: str = "") -> list[float]:
     """Numbers in a text of a drawing, or in an attribute of a part of it."""
     part = page.locator(f".{key}")
@@ -207,10 +212,10 @@ def stood_still(seen: Any) -> Any:
     return figure
 
 
-def test_entries_of_the_hybrid_system_are_what_a_touch_says(tmp_path: Path) -> None:
+def test_entries_of_the_hybrid_system_are_what_a_touch_says(hybrid: str, tmp_path: Path) -> None:
     """Values are the module's, expressions give them, and what has an arm's mass names the arm."""
     module = load(ROOT / "generated/hexarotor_3link")
-    with open_page(hybrid_equation(), tmp_path) as seen:
+    with open_page(hybrid, tmp_path) as seen:
         figure = stood_still(seen)
         figure.evaluate("one => one.advance(3.1)")
         q, v = (np.array(json.loads(figure.get_attribute(f"data-{x}"))) for x in "qv")
@@ -273,9 +278,9 @@ def test_entries_of_the_hybrid_system_are_what_a_touch_says(tmp_path: Path) -> N
         assert (seen.foreign, seen.faults) == ([], [])
 
 
-def test_every_entry_is_reached_by_the_keyboard(tmp_path: Path) -> None:
+def test_every_entry_is_reached_by_the_keyboard(hybrid: str, tmp_path: Path) -> None:
     """Tab leads into each array, and arrows lead to all its entries."""
-    with open_page(hybrid_equation(), tmp_path) as seen:
+    with open_page(hybrid, tmp_path) as seen:
         stood_still(seen)
         at, places = "document.activeElement.dataset.at ?? ''", []
         for _ in range(5):
@@ -324,8 +329,10 @@ def test_other_robots_move_or_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("width", [390, 1280])
-def test_rows_are_named_and_cells_are_large_on_a_phone(tmp_path: Path, width: int) -> None:
-    with open_page(hybrid_equation(), tmp_path, width) as seen:
+def test_rows_are_named_and_cells_are_large_on_a_phone(
+    hybrid: str, tmp_path: Path, width: int
+) -> None:
+    with open_page(hybrid, tmp_path, width) as seen:
         page = seen.page
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         box = page.locator('[data-at^="B"]').first.bounding_box()
