@@ -32,6 +32,7 @@ OLDEST = [re.sub(" *>= *", "==", requirement) for requirement in PROJECT["depend
 
 # SymPy computes with these where it finds them.
 NUMBER_PACKAGES = ["gmpy2", "python-flint", "symengine"]
+NEWEST = [*NUMBER_PACKAGES, "pip"]
 # Packages whose versions are told.
 TOLD = {*NUMBER_PACKAGES, *(requirement.partition("==")[0] for requirement in OLDEST)}
 # What stands most on versions of others, quick, and without a need for further packages.
@@ -117,6 +118,11 @@ class Environment:
         pip = (sys.executable, "-m", "pip", "--python", python, "install", "--quiet")
         self.run(*pip, "--only-binary=:all:", *arguments)
 
+    def find(self, *packages: str) -> None:
+        """Look for packages and what they need, by its own pip: a new one need not load them."""
+        pip = ("python", "-m", "pip", "install", "--quiet", "--only-binary=:all:", "--dry-run")
+        self.run(*pip, *packages)
+
     def install(self, *others: str, wheels: Path | None = None) -> str:
         """Make the environment with its packages, wheels and others; which versions came."""
         subprocess.run([self.interpreter, "-m", "venv", "--without-pip", self.folder], check=True)
@@ -172,7 +178,7 @@ def environments(work: Path) -> list[Environment]:
     (first, oldest), (last, newest) = found[0], found[-1]
     return [
         Environment(f"Python {first}, oldest packages", oldest, work / "oldest", OLDEST),
-        Environment(f"Python {last}, newest packages", newest, work / "newest", NUMBER_PACKAGES),
+        Environment(f"Python {last}, newest packages", newest, work / "newest", NEWEST),
     ]
 
 
@@ -200,7 +206,7 @@ def main(wheels: Path) -> None:
         first = made[0]
         tests = str(ROOT / "tests")
         commands = first.run("python", "-c", LIST_COMMANDS, work, PYTHONPATH=tests).splitlines()
-        extras = pool.submit(made[-1].pip, "--dry-run", EXTRAS)
+        extras = pool.submit(made[-1].find, EXTRAS)
         for _ in pool.map(Environment.check, made):
             pass
         extras.result()
