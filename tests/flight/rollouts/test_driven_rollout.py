@@ -13,6 +13,7 @@ from support.actuated import actuated, air, at_once
 from support.compiled import Emitted, compile_only, emit
 
 from gibbs_codegen import Rollout, UsageError, rollout, trim, uniform
+from gibbs_codegen.runtime.load import load
 from gibbs_codegen.runtime.rollouts import (
     MotorModel,
     Problem,
@@ -212,8 +213,9 @@ def test_actions_of_environments_are_commands(module: ModuleType) -> None:
 
 
 @pytest.mark.slow
-def test_inner_loops_command_motors_and_servos(module: ModuleType) -> None:
+def test_inner_loops_command_motors_and_servos(emitted: Emitted) -> None:
     """A servo is sent where its joint is to be, and motors hover by throttle, speed and thrust."""
+    module = load(emitted.folder, backend="c")
     environments = pytest.importorskip("gibbs_codegen.flight.rollouts.vector_env")
     settings = {"dt": 4e-4, "steps": 25, "normalised": False, "limits": limits(module)}
     envs = environments.VectorEnv(module, 2, action="velocity", **settings)
