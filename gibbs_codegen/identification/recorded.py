@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -15,18 +16,19 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.logs.cdr import times_of
 from gibbs_codegen.flight.logs.motion import base_motion, imus, places, unread
 from gibbs_codegen.flight.logs.reading import (
     Recorded,
     Samples,
     cleaned,
-    known_attitudes,
+    common_time,
     motion_of,
     tell_gaps,
     title,
 )
 from gibbs_codegen.flight.plant.kinematics import quaternions_of
-from gibbs_codegen.flight.plant.vehicle import Flags, Vehicle
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.vectors import Array
 
@@ -48,6 +50,8 @@ _THIRD, _BY_MEDIAN = 20.0, 1.4826
 # Commands that are late by more, s, are unknown; steps in which delays of sensors are looked for,
 # their number, and the share of their variance by which turn rates may differ.
 _GAP, _FINE, _MOST_LAGS, _UNLIKE = 0.2, 2e-3, 100, 0.3
+# Times the usual step that a gap is, which tells nothing of delays.
+_TORN = 3.0
 # Time from command to command, s, that tells little of motors.
 _SELDOM = 0.03
 # Steps that differ by more than this share of the whole are no grid.
@@ -133,33 +137,26 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
             f"{source}: is a flight of {flight.robot}, and its coordinates differ from "
             f"{module.NAME}'s; give the robot that flew"
         )
-    time, vehicle = flight.time, Vehicle(module)
-    every = max(1, round(_SHORTEST / float(np.median(np.diff(time)))))
+    vehicle, stamps = Vehicle(module), times_of(flight.time)
     commands = flight.commands
     if not commands.size:
         commands = np.clip(flight.commanded, *flight.input_limits)
-    sensor, *placed = _placed(flight, vehicle, source)
     if not flight.control_rate:  # Laws that act at all times go on between samples.
-        every = 1 if sensor else every
-        commands = np.concatenate([0.5 * (commands[every:] + commands[:-every]), commands[-every:]])
+        commands = np.concatenate([0.5 * (commands[1:] + commands[:-1]), commands[-1:]])
+    sensor, *placed = _placed(flight, vehicle, source)
     q, read = flight.q.copy(), [f"{name}_" for name in imus(flight)]
     read += [f"{sensor}_{what}_" for what in ("position", "x_axis", "y_axis") if sensor]
-    at = {
+    encoders = {
         place: k
         for place, name in enumerate(flight.coordinates)
         for k, reading in enumerate(flight.sensor_names)
         if flight.sensor_frames[k] == "" and reading.endswith(f"_{name}")
     }
-    if at:
-        q[:, [*at]] = _new(flight.sensors[:, [*at.values()]])
-        read += [flight.sensor_names[k] for k in at.values()]
-    felt = {frame: _new(values) for frame, values in imus(flight).values()}
+    if encoders:
+        q[:, [*encoders]] = _new(flight.sensors[:, [*encoders.values()]])
+        read += [flight.sensor_names[k] for k in encoders.values()]
     if rest := unread(flight, read):
         _log.warning("%s: identify does not use its readings %s", source, rest)
-    if not sensor:
-        recording = Recording(time, commands, q, felt, source)
-        return part_of(recording, slice(None, None, every))
-    stamps = np.round(time * 1e9).astype(np.int64)
 
     def known(values: Array) -> Samples:
         samples = Samples(stamps, values)
@@ -167,37 +164,35 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
 
     joints = {name: known(q[:, flight.coordinates.index(name)]) for name in vehicle.joint_names}
     sent = {name: known(c) for name, c in zip(vehicle.commands, commands.T, strict=True)}
-    series = {frame: known(values) for frame, values in felt.items()}
-    position, attitude = (known(values) for values in placed)
-    log = Recorded(position, attitude, None, None, joints, {}, {}, (), series, sent)
+    felt = {frame: known(values) for frame, values in imus(flight).values()}
+    position, attitude = map(known, placed)
+    log = Recorded(position, attitude, None, None, joints, {}, {}, (), felt, sent)
     return recordings_of(vehicle, log, source)[0]
 
 
 def _placed(flight: Flight, vehicle: Vehicle, source: str) -> tuple[str, Array, Array]:
-    """The sensor of the base's pose, "" if there is none, its positions and quaternions (s, ·).
+    """The sensor of the base's pose, and what it reads of that: positions, quaternions (s, ·).
 
     It is the first at a frame that stays on the base, one of poses rather than a GPS, beside which
-    attitudes are the true ones.
+    attitudes are the true ones. Where there is none, "", all are.
     """
-    nothing = "", np.zeros((0, 3)), np.zeros((0, 4))
-    if not (found := places(flight)) or not vehicle.layout.q.base:
-        return nothing
     poses, base = vehicle.module.frame_poses(vehicle.neutral), base_motion(flight)
-    on_base, home = _on_base(vehicle), poses[vehicle.frames.index("base")]
-    sensors = [(name, x) for name, x in found.items() if x[0] in on_base]
+    on_base = _on_base(vehicle) if vehicle.layout.q.base else []
+    sensors = [(name, x) for name, x in places(flight).items() if x[0] in on_base]
     if not sensors:
-        return nothing
+        return "", base.position, base.quaternion
     name, (frame, position, quaternion) = min(sensors, key=lambda x: np.isnan(x[1][2]).all())
-    mounted = np.linalg.inv(home) @ poses[vehicle.frames.index(frame)]
-    attitude = Rotation.from_quat(base.quaternion)
-    if np.isfinite(quaternion).any():
-        known = np.where(np.isfinite(quaternion), quaternion, [0.0, 0.0, 0.0, 1.0])
-        attitude = Rotation.from_quat(known) * Rotation.from_matrix(mounted[:3, :3]).inv()
+    home, there = (poses[vehicle.frames.index(x)] for x in ("base", frame))
+    mounted = np.linalg.inv(home) @ there
+    attitude, known = Rotation.from_quat(base.quaternion), np.isfinite(quaternion)
+    if known.any():
+        attitude = Rotation.from_quat(np.where(known, quaternion, base.quaternion))
+        attitude *= Rotation.from_matrix(mounted[:3, :3]).inv()
+        turned = np.where(known, attitude.as_quat(), np.nan)
     else:
         _log.warning("%s: no sensor reads the attitude; it is taken without noise", source)
-    fresh = _new(position)
-    turned = attitude.as_quat() + 0.0 * (fresh[:, :1] if np.isfinite(quaternion).any() else 0.0)
-    return name, fresh - attitude.apply(mounted[:3, 3]), turned
+        position, turned = _new(position), base.quaternion
+    return name, position - attitude.apply(mounted[:3, 3]), turned
 
 
 def _on_base(vehicle: Vehicle) -> list[str]:
@@ -220,17 +215,23 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
         )
     logged: dict[Any, Samples] = {("u", name): sent[name] for name in vehicle.commands}
     if vehicle.layout.q.base and log.position is not None and log.attitude is not None:
-        known = known_attitudes(log.attitude.values)
-        logged |= {"position": log.position, "attitude": log.attitude._replace(values=known)}
+        logged |= {"position": log.position, "attitude": log.attitude}
     logged |= {("q", name): samples for name, samples in log.joints.items()}
     logged |= {("imu", frame): samples for frame, samples in log.imus.items()}
     series = cleaned(logged, source)
     read = {name: samples for name, samples in series.items() if name[0] != "u"}
+    if not read:
+        raise UsageError(
+            f"{source}: has no readings of an IMU, a pose or joints; give a log with some"
+        )
+    if few := [name for name, samples in series.items() if len(samples.time) < _LEAST_READINGS]:
+        raise UsageError(
+            f"{source}: has fewer than {_LEAST_READINGS} samples of {title(few[0])}; name another "
+            "series (--name), or give a log that has it"
+        )
     for name in [name for name in series if name[0] not in "qu"]:
         fresh = np.isfinite(_new(series[name].values)[:, 0])
         series[name] = series[name].rows(fresh | (np.arange(len(fresh)) == len(fresh) - 1))
-    if few := [name for name, samples in series.items() if len(samples.time) < _LEAST_READINGS]:
-        raise UsageError(f"{source}: has fewer than {_LEAST_READINGS} samples of {title(few[0])}")
     _take_back_delay(series, source)
     spacing = {name: float(np.median(np.diff(s.time))) * 1e-9 for name, s in series.items()}
     rates = ", ".join(f"{title(name)} {1.0 / x:.4g}" for name, x in spacing.items())
@@ -238,52 +239,45 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
     if (seldom := max(x for name, x in spacing.items() if name[0] == "u")) > _SELDOM:
         words = "%s: commands are logged %.3g times a second, too rarely for lags and quick motion"
         _log.warning(words, source, 1.0 / seldom)
-    step = max(_SHORTEST, min(x for name, x in spacing.items() if name[0] != "u"))
-    begin, end = (f(s.time[k] for s in series.values()) for f, k in ((max, 0), (min, -1)))
+    step = max(_SHORTEST, min(spacing[name] for name in read))
+    begin, end = common_time(series, source)
     tell_gaps(read, source, begin, "the motion is found without it there")
     grid = begin + np.round(np.arange(0.0, (end - begin) * 1e-9, step) * 1e9).astype(np.int64)
     half = round(0.5e9 * step)
-    arrays: dict[Any, Array] = {
-        name: np.zeros((len(grid), 3)) for name in ("position", "velocity", "spin")
-    }
+    layout, zero = vehicle.layout.q, np.zeros((len(grid), 3))
+    arrays: dict[Any, Array] = dict.fromkeys(("position", "velocity", "spin"), zero)
     arrays["attitude"] = np.tile([0.0, 0.0, 0.0, 1.0], (len(grid), 1))
-    arrays |= {("v", name): np.zeros(len(grid)) for name in vehicle.joint_names}
-    known_at = dict[Any, Flags]()
-    for name, samples in series.items():
-        if name == "attitude":
-            turned = Rotation.from_quat(samples.values).as_matrix()
-            samples = samples._replace(values=quaternions_of(turned))
-        elif name[0] == "imu":
-            arrays[name] = _means(samples, grid - half, 2 * half)
-            continue
-        elif name[0] == "u":
-            arrays[name] = _held(samples, grid, 2 * half)
-            continue
-        arrays[name] = interp1d(samples.time, samples.values, axis=0)(grid)
-        nearest = np.searchsorted(samples.time, grid - half)
-        known_at[name] = samples.time[nearest] < grid + half
-    q = motion_of(vehicle, arrays, (grid - begin) * 1e-9)[0]
-    layout = vehicle.layout.q
-    q[:, layout.angles] = np.nan  # Of which nothing is read.
+    arrays |= {("v", name): zero[:, 0] for name in vehicle.joint_names}
     places: dict[Any, Any] = {"position": layout.position, "attitude": layout.attitude}
     places |= {("q", n): p for n, p in zip(vehicle.joint_names, layout.joint_places, strict=True)}
+    unknown = {name: np.ones(len(grid), bool) for name in places}
+    for name in places.keys() & series.keys():
+        samples = series[name]
+        arrays[name] = interp1d(samples.time, samples.values, axis=0)(grid)
+        nearest = np.searchsorted(samples.time, grid - half)
+        unknown[name] = samples.time[nearest] >= grid + half
+    time = step * np.arange(len(grid), dtype=np.float64)
+    q = motion_of(vehicle, arrays, time)[0]
+    q[:, layout.angles] = np.nan  # Of which nothing is read.
     for name, place in places.items():
-        q[~known_at.get(name, np.zeros(len(grid), bool)), place] = np.nan
-    commands = np.stack([arrays["u", name] for name in vehicle.commands], axis=1)
-    felt = {frame: arrays["imu", frame] for frame in log.imus}
+        q[unknown[name], place] = np.nan
+    commands = np.stack([_held(series["u", u], grid, 2 * half) for u in vehicle.commands], axis=1)
+    felt = {f: _means(series["imu", f], grid - half, 2 * half) for f in log.imus}
     # Where commands have gaps nobody knows what acted.
-    times = series["u", vehicle.commands[0]].time
-    late = np.flatnonzero(np.diff(times) > _GAP * 1e9)
-    cuts = [0, *np.searchsorted(grid, times[late + 1]).tolist(), len(grid)]
-    for k in late:
-        words = "%s: commands are not known for %.3g s after %.6g s; the log is cut there"
-        _log.warning(words, source, *((np.diff(times)[k], times[k] - begin) * np.array(1e-9)))
-    ends = [*np.searchsorted(grid, times[late]).tolist(), len(grid)]
-    seconds = step * np.arange(len(grid), dtype=np.float64)
-    return cut(
-        Recording(seconds, commands, q, felt, source),
-        [slice(a, b) for a, b in zip(cuts, ends, strict=False)],
-    )
+    gaps: dict[tuple[int, int], list[str]] = defaultdict(list)
+    for name in vehicle.commands:
+        for gap in pairwise(series["u", name].time.tolist()):
+            if gap[1] - gap[0] > _GAP * 1e9:
+                gaps[gap].append(name)
+    parts, first = list[slice](), 0
+    for (last, again), names in sorted(gaps.items()):
+        words = "%s: commands of %s are not known for %.3g s after %.6g s; the log is cut there"
+        seconds = (again - last) * 1e-9, (last - begin) * 1e-9
+        _log.warning(words, source, ", ".join(names), *seconds)
+        parts.append(slice(first, int(np.searchsorted(grid, last))))
+        first = max(first, int(np.searchsorted(grid, again)))
+    whole = Recording(time, commands, q, felt, source)
+    return cut(whole, [*parts, slice(first, len(grid))])
 
 
 def _reckoned(vehicle: Vehicle, q: Array) -> Array:
@@ -325,7 +319,7 @@ def _held(samples: Samples, begin: Any, length: int) -> Array:
 
 
 def _take_back_delay(series: dict[Any, Samples], source: str) -> None:
-    """Take back how much later than the IMU at the base the pose is, by how fast both turn."""
+    """Take back how much later the pose is than the IMU at the base, or that, by how they turn."""
     if not series.keys() >= {"attitude", ("imu", "base")}:
         return
     pose, felt = series["attitude"], series["imu", "base"]
@@ -336,22 +330,31 @@ def _take_back_delay(series: dict[Any, Samples], source: str) -> None:
     if len(fine) < _LEAST:
         return
     speeds = np.linalg.norm(felt.values[:, 3:], axis=1)
-    one, other = np.interp(fine, middle, rates), np.interp(fine, felt.time, speeds)
+
+    def known(time: Any, values: Array) -> Array:
+        """Values at fine times, NaN in gaps."""
+        steps = np.diff(time)
+        gaps = steps[np.clip(np.searchsorted(time, fine) - 1, 0, len(steps) - 1)]
+        return np.where(gaps > _TORN * np.median(steps), np.nan, np.interp(fine, time, values))
+
+    one, other = known(middle, rates), known(felt.time, speeds)
     lags = np.arange(-_MOST_LAGS, _MOST_LAGS + 1)
     inner = slice(_MOST_LAGS, len(fine) - _MOST_LAGS)
-    misses = np.array([np.var(other[inner] - np.roll(one, -lag)[inner]) for lag in lags])
+    misses = np.array([np.nanvar(other[inner] - np.roll(one, -lag)[inner]) for lag in lags])
     best = int(np.argmin(misses))
-    if not 0 < best < len(lags) - 1 or misses[best] > _UNLIKE * np.var(other[inner]):
+    if not 0 < best < len(lags) - 1 or misses[best] > _UNLIKE * np.nanvar(other[inner]):
         words = "%s: turns too little, or unlike its IMU, to tell whether the pose lags the IMU"
         _log.warning(words, source)
         return
     before, at, after = misses[best - 1 : best + 2]
     delay = (lags[best] + 0.5 * (before - after) / (before - 2.0 * at + after)) * _FINE
-    if abs(delay) > 0.5 * _FINE:
-        _log.warning("%s: the pose lags the IMU by %.4f s, which is corrected", source, delay)
-        for name in ("position", "attitude"):
+    if abs(delay) > 0.5 * _FINE:  # The later of both is late, for nothing is read ahead of time.
+        pose_late = delay > 0.0
+        late = "the pose lags the IMU" if pose_late else "the IMU at base lags the pose"
+        _log.warning("%s: %s by %.4f s, which is corrected", source, late, abs(delay))
+        for name in ("position", "attitude") if pose_late else [("imu", "base")]:
             samples = series[name]
-            series[name] = samples._replace(time=samples.time - round(delay * 1e9))
+            series[name] = samples._replace(time=samples.time - round(abs(delay) * 1e9))
 
 
 def _filled(series: Array) -> Array:
@@ -425,9 +428,9 @@ def _new(values: Array) -> Array:
     return fresh
 
 
-def deviation(values: Array, floor: float, increments: bool = False) -> Array:
+def deviation(values: Array, floor: Array | float, increments: bool = False) -> Array:
     """Standard deviations (k) of white noise in series (s, k), smooth otherwise, with gaps."""
-    found = np.full(values.shape[1], floor)
+    found = np.zeros(values.shape[1]) + floor
     for k, column in enumerate(values.T):
         known = column[np.isfinite(column)]
         third = np.diff(known, 2 if increments else 3)
@@ -436,7 +439,7 @@ def deviation(values: Array, floor: float, increments: bool = False) -> Array:
             change = np.abs(known if increments else np.diff(known))
             steps = change[change > 1e-12]
             resolution = float(steps.min()) if len(steps) else 0.0
-            found[k] = max(floor, noise, resolution / np.sqrt(12.0))
+            found[k] = max(found[k], noise, resolution / np.sqrt(12.0))
     return found
 
 
@@ -513,9 +516,4 @@ class Readings:
             if layout.is_quaternion:
                 self.rates[:, layout.v.attitude] = spins
         floors = [*[_FLOOR_FELT] * 3, *[_FLOOR_SPIN] * 3]
-        self.felt_deviations = np.array(
-            [
-                deviation(column[:, np.newaxis], floors[k % 6])[0]
-                for k, column in enumerate(self.felt.T)
-            ]
-        )
+        self.felt_deviations = deviation(self.felt, np.resize(floors, self.felt.shape[1]))

@@ -161,6 +161,7 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
     motors = _topic(topics, "actuator_motors")
     shares = {k: (f"control[{k}]",) for k in range(vehicle.rotors)}
     sent = {k: _samples(motors, key) for k, key in shares.items() if motors.keys() >= {*key}}
+    sent = {k: share for k, share in sent.items() if vehicle.commands[k] not in names}
     named = {name: log for name in vehicle.commands if name in names and (log := of(name, ""))}
     if (outputs := _topic(topics, "actuator_outputs")) and not (sent or named):
         pulses = [_numbers(x) for name, x in outputs.items() if name.startswith("output[")]

@@ -39,6 +39,8 @@ _LONG_REST = 3600 * 10**9
 _GREATEST = {"position": 1e8, "attitude": 2.0, "velocity": 1e4, "spin": 1e4}
 _GREATEST |= {"q": 1e8, "v": 1e4, "u": 1e8, "imu": 1e5}
 _GREATEST_ACCELERATION = 1e8
+# Time, s, at the ends of a log, of which a warning tells that something is not known there.
+_LOST = 1.0
 # Share of a step by which the last sample may be late.
 _SAME_STEP = 1e-6
 
@@ -110,7 +112,7 @@ def flight_of_log(
         raise UsageError(f"{source}: does not contain the pose of the base, which a flight needs")
     logged: dict[Any, Samples | None] = {
         "position": recorded.position,
-        "attitude": recorded.attitude._replace(values=known_attitudes(recorded.attitude.values)),
+        "attitude": recorded.attitude,
         "velocity": recorded.velocity,
         "spin": recorded.spin,
         **{("q", name): samples for name, samples in recorded.joints.items()},
@@ -121,9 +123,6 @@ def flight_of_log(
         logged |= {("imu", frame): samples for frame, samples in recorded.imus.items()}
     series = cleaned({name: log for name, log in logged.items() if log is not None}, source)
     begin, seconds = _time_base(series, source, rate, cutoff)
-    attitude = series["attitude"]
-    turned = Rotation.from_quat(attitude.values).as_matrix()
-    series["attitude"] = attitude._replace(values=quaternions_of(turned))
     curves = {name: x.curve(begin) for name, x in series.items() if name[0] != "imu"}
     arrays = {name: curve(seconds) for name, curve in curves.items()}
     if "velocity" not in arrays:
@@ -192,8 +191,7 @@ def _time_base(
                 f"{source}: {title(name)} has {len(samples.time)} numeric samples; a flight "
                 f"needs {_LEAST}"
             )
-    begin = int(max(samples.time[0] for samples in series.values()))
-    end = int(min(samples.time[-1] for samples in series.values()))
+    begin, end = common_time(series, source)
     base = (series[name].time for name in ("position", "attitude"))
     most = max(((time[(begin <= time) & (time <= end)]) for time in base), key=len)
     if len(most) < _LEAST:
@@ -221,16 +219,30 @@ def _time_base(
     return begin, seconds
 
 
+def common_time(series: Mapping[Any, Samples], source: str) -> tuple[int, int]:
+    """From when to when all series are known, ns; a warning tells which shorten a log by much."""
+    last = max(series, key=lambda name: series[name].time[0])
+    first = min(series, key=lambda name: series[name].time[-1])
+    begin, end = int(series[last].time[0]), int(series[first].time[-1])
+    both = 1e-9 * (end - begin)
+    whole = 1e-9 * float(np.ptp([x.time[[0, -1]] for x in series.values()]))
+    if whole - both > _LOST:
+        words = "%s: of %.4g s only %.4g s are read, from where %s begins to where %s ends"
+        _log.warning(words, source, whole, max(both, 0.0), title(last), title(first))
+    return begin, end
+
+
 def tell_gaps(series: Mapping[Any, Samples], source: str, begin: int, then: str) -> None:
     """Warn of each series that is not known for long, in a log that begins at a time, ns."""
     for name, samples in series.items():
         gaps = np.diff(samples.time)
-        if np.max(gaps, initial=0) > _LONG_GAP * np.median(gaps):
-            late = samples.time[np.argmax(gaps)]
-            _log.warning(
-                "%s: %s is not known for %.3g s after %.4g s; %s",
-                *(source, title(name), np.max(gaps) * 1e-9, (late - begin) * 1e-9, then),
+        times = (samples.time[:-1] - begin) * 1e-9
+        if (long := gaps > _LONG_GAP * np.median(gaps)).any():
+            pairs = zip(gaps[long] * 1e-9, times[long], strict=True)
+            told = printable(
+                ", ".join(f"{gap:.3g} s after {time:.4g} s" for gap, time in pairs), 200
             )
+            _log.warning("%s: %s is not known for %s; %s", source, title(name), told, then)
 
 
 def known_attitudes(quaternions: Array) -> Array:
@@ -251,6 +263,8 @@ def cleaned(series: Mapping[Any, Samples], source: str) -> dict[Any, Samples]:
         return samples.rows(right)
 
     for name, samples in series.items():
+        if name == "attitude":
+            samples = samples._replace(values=known_attitudes(samples.values))
         samples = kept(name, samples, samples.time != NO_TIME, "have no time")
         values = np.abs(samples.values.reshape(len(samples.time), -1))
         right = (values <= _GREATEST[name if isinstance(name, str) else name[0]]).all(axis=1)
@@ -285,6 +299,9 @@ def cleaned(series: Mapping[Any, Samples], source: str) -> dict[Any, Samples]:
             for (why, count, whole), names in left_out.items()
         )
         _log.warning("%s: left out: %s", source, "; ".join(words))
+    if "attitude" in sound and len(sound["attitude"].time):
+        turned = Rotation.from_quat(sound["attitude"].values).as_matrix()
+        sound["attitude"] = sound["attitude"]._replace(values=quaternions_of(turned))
     return sound
 
 
@@ -299,7 +316,9 @@ def _runs(time: NDArray[np.int64]) -> list[slice]:
 
 def title(name: str | tuple[str, str]) -> str:
     """The title of a series in messages."""
-    return name if isinstance(name, str) else printable(name[1])
+    if isinstance(name, str):
+        return name
+    return f"the IMU at {name[1]}" if name[0] == "imu" else printable(name[1])
 
 
 def _spin(quaternion: Array, rate: Array) -> Array:

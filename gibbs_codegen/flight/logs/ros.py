@@ -212,7 +212,7 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         {drive: efforts["effort", name] for drive, name in inputs if ("effort", name) in efforts},
         tuple(str(name) for series, name in states if series == "position"),
         _felt(messages[topics["imu"]], vehicle),
-        _sent(messages[topics["actuators"]], vehicle),
+        {k: s for k, s in _sent(messages[topics["actuators"]], vehicle).items() if k not in names},
     )
 
 
@@ -228,18 +228,12 @@ def _felt(messages: Sequence[tuple[int, Any]], vehicle: Vehicle) -> dict[str, Sa
         _log.warning(
             "imu: the robot has no frame %s; the readings are taken as those of the base", words
         )
-    return {
-        frame: Samples(
-            _times(listed),
-            np.array(
-                [
-                    _entries("xyz", m.linear_acceleration) + _entries("xyz", m.angular_velocity)
-                    for _, m in listed
-                ]
-            ),
-        )
-        for frame, listed in by_frame.items()
-    }
+    felt = dict[str, Samples]()
+    for frame, listed in by_frame.items():
+        pairs = [(message.linear_acceleration, message.angular_velocity) for _, message in listed]
+        rows = [_entries("xyz", force) + _entries("xyz", spin) for force, spin in pairs]
+        felt[frame] = Samples(_times(listed), np.array(rows))
+    return felt
 
 
 def _sent(messages: Sequence[tuple[int, Any]], vehicle: Vehicle) -> dict[str, Samples]:

@@ -38,7 +38,7 @@ def test_readings_and_commands_are_in_si_units_and_a_gap_cuts_them(log: Path, ca
     sent = [recorded.commands[name].values[0] for name in vehicle.inputs]
     np.testing.assert_allclose(sent, np.array(most) * 32768 / 65535)
     first, second = recordings_of(vehicle, recorded, "log00")
-    assert "commands are not known for 0.251 s after 1.999 s" in caplog.text
+    assert "F_front_right are not known for 0.251 s after 1.999 s" in caplog.text
     assert abs(first.time[-1] - 2.0) < 0.01
     assert abs(second.time[0] - 2.25) < 0.01
     assert np.isnan(first.q).all()

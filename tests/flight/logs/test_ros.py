@@ -140,6 +140,11 @@ def test_imus_of_the_robot_take_the_place_of_the_exact_one(
     np.testing.assert_array_equal(np.stack([table[name] for name in names], axis=1), expected)
     with pytest.raises(UsageError, match=r"has no felt that gives the imu .* there are actuator_m"):
         gibbs_codegen.read_log(fast("quadrotor_arm_2link"), tmp_path / "tables", {"imu": "felt"})
+    for log, name in (("bag", "left"), ("tables", "actuator_motors.left")):
+        # Though /actuators and actuator_motors have what is commanded.
+        module, names = fast("quadrotor_arm_2link"), {"F_front_left": name}
+        with pytest.raises(UsageError, match=f"has no {name}, named for F_front_left"):
+            gibbs_codegen.read_log(module, tmp_path / log, names)
     gibbs_codegen.read_log(fast("quadrotor"), tmp_path / "bag", {"imu": "/imu/hand"})
     assert (
         "imu: the robot has no frame tip; the readings are taken as those of the base"

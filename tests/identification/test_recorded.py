@@ -1,0 +1,166 @@
+"""What logs tell and lack, told by name, place and duration: no fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from gibbs_codegen import UsageError, load
+from gibbs_codegen.flight.logs.reading import Recorded, Samples
+from gibbs_codegen.flight.plant.vehicle import Vehicle
+from gibbs_codegen.identification.identify import identify
+from gibbs_codegen.identification.recorded import Recording, recordings_of
+
+SECONDS = 6.0
+
+
+@pytest.fixture(scope="module")
+def vehicle() -> Vehicle:
+    return Vehicle(load("quadrotor_arm_2link"))
+
+
+def sampled(rate: float, values: Callable[[np.ndarray], np.ndarray], late: float = 0.0) -> Samples:
+    """A series that is stamped `late` after it was measured."""
+    time = np.arange(0.0, SECONDS, 1.0 / rate)
+    return Samples(np.round(1e9 * time).astype(np.int64), values(time - late))
+
+
+def angle(time: np.ndarray) -> np.ndarray:
+    return 0.3 * np.sin(4.0 * time) + 0.1 * np.sin(9.0 * time)
+
+
+def turned(time: np.ndarray) -> np.ndarray:
+    return Rotation.from_rotvec(np.outer(angle(time), [1.0, 0.0, 0.0])).as_quat()
+
+
+def felt(time: np.ndarray) -> np.ndarray:
+    rate = 1.2 * np.cos(4.0 * time) + 0.9 * np.cos(9.0 * time)
+    return np.stack(
+        [*np.zeros((2, len(time))), 9.81 + angle(time), rate, *np.zeros((2, len(time)))], 1
+    )
+
+
+def log(vehicle: Vehicle, pose_late: float = 0.0, imu_late: float = 0.0) -> Recorded:
+    """Of a base that rolls: a pose 100 times a second, an IMU and commands 200 times."""
+    place = sampled(100, lambda time: np.outer(np.cos(time), [1.0, 2.0, 3.0]), pose_late)
+    joints = {name: sampled(100, np.sin) for name in vehicle.joint_names}
+    sent = {name: sampled(200, np.cos) for name in vehicle.commands}
+    imus = {"base": sampled(200, felt, imu_late)}
+    attitude = sampled(100, turned, pose_late)
+    return Recorded(place, attitude, None, None, joints, {}, {}, (), imus, sent)
+
+
+def without(samples: Samples, *gaps: tuple[float, float]) -> Samples:
+    """It without what was read within some times, s."""
+    for begin, end in gaps:
+        samples = samples.rows((samples.time <= 1e9 * begin) | (samples.time >= 1e9 * end))
+    return samples
+
+
+def recorded(vehicle: Vehicle, **changes: object) -> list[Recording]:
+    return recordings_of(vehicle, log(vehicle)._replace(**changes), "flown")
+
+
+def test_a_log_that_is_whole_is_told_nothing_of(vehicle, caplog) -> None:
+    (part,) = recorded(vehicle)
+    assert not caplog.text
+    assert np.isfinite(part.q[::2]).all()
+    assert np.isnan(part.q[1::2]).all()
+
+
+@pytest.mark.parametrize("what", ["position", "forearm", "the IMU at base"])
+def test_gaps_of_readings_are_told_and_are_nothing_read(vehicle, caplog, what) -> None:
+    whole, gaps = log(vehicle), [(1.5, 2.0), (3.0, 3.4)]
+    if what == "position":
+        (part,) = recorded(vehicle, position=without(whole.position, *gaps))
+        column = part.q[::2, 0]
+    elif what == "forearm":
+        joints = {**whole.joints, what: without(whole.joints[what], *gaps)}
+        (part,) = recorded(vehicle, joints=joints)
+        column = part.q[::2, vehicle.module.COORDINATES.index(what)]
+    else:
+        (part,) = recorded(vehicle, imus={"base": without(whole.imus["base"], *gaps)})
+        column = part.imus["base"][::2, 0]
+    words = "is not known for 0.5 s after 1.5 s, 0.4 s after 3 s; the motion is found without it"
+    assert caplog.messages == [f"flown: {what} {words} there"]
+    time = part.time[::2]
+    inside = np.logical_or(
+        *(((begin + 0.006 < time) & (time < end - 0.006)) for begin, end in gaps)
+    )
+    np.testing.assert_array_equal(np.isnan(column), inside)
+
+
+def test_a_log_is_cut_where_any_command_is_not_known(vehicle, caplog) -> None:
+    """One motor's gap is within another's; the part behind the last is too short."""
+    sent, names = log(vehicle).commands, vehicle.commands
+    gaps = {names[0]: (2.0, 3.0), names[2]: (2.5, 2.75), names[3]: (5.5, 5.8)}
+    sent = {**sent, **{name: without(sent[name], gap) for name, gap in gaps.items()}}
+    first, second = recorded(vehicle, commands=sent)
+    assert (first.time[0], second.time[0]) == pytest.approx((0.0, 3.0), abs=0.006)
+    assert (first.time[-1], second.time[-1]) == pytest.approx((2.0, 5.5), abs=0.006)
+    assert caplog.messages == [
+        f"flown: commands of {name} are not known for {end - begin:.3g} s after {begin:g} s; "
+        "the log is cut there"
+        for name, (begin, end) in gaps.items()
+    ] + [caplog.messages[-1]]
+    assert "samples from 5.8 s on are left out, because a part needs at least 200" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("pose", "imu", "words"),
+    [
+        (0.03, 0.0, "the pose lags the IMU by 0.0300 s"),
+        (0.0, 0.03, "the IMU at base lags the pose by 0.0300 s"),
+    ],
+)
+def test_of_a_pose_and_an_imu_the_later_is_moved(vehicle, caplog, pose, imu, words) -> None:
+    """Though neither is known for a while, in which the straight lines between say nothing."""
+    whole = log(vehicle, pose, imu)
+    attitude = without(whole.attitude, (4.0, 4.5))
+    felt_late = {"base": without(whole.imus["base"], (1.0, 2.0))}
+    (part,) = recordings_of(vehicle, whole._replace(attitude=attitude, imus=felt_late), "flown")
+    assert f"flown: {words}, which is corrected" in caplog.messages
+    known = np.isfinite(part.q[:, 3])
+    roll = Rotation.from_quat(part.q[known, 3:7]).as_rotvec()[:, 0]
+    np.testing.assert_allclose(roll, angle(part.time[known]), atol=2e-3)
+    measured = part.imus["base"][:, 3]
+    np.testing.assert_allclose(
+        measured[np.isfinite(measured)], felt(part.time)[np.isfinite(measured), 3], atol=2e-2
+    )
+
+
+def test_what_cannot_be_told_of_delays_and_commands_is_said(vehicle, caplog) -> None:
+    still = sampled(100, lambda time: turned(0.0 * time))
+    sent = {name: sampled(10, np.cos) for name in vehicle.commands}
+    recorded(vehicle, attitude=still, commands=sent)
+    assert caplog.messages == [
+        "flown: turns too little, or unlike its IMU, to tell whether the pose lags the IMU",
+        "flown: commands are logged 10 times a second, too rarely for lags and quick motion",
+    ]
+
+
+def test_a_series_that_ends_early_shortens_a_log(vehicle, caplog) -> None:
+    whole = log(vehicle)
+    late = without(whole.imus["base"], (-1.0, 0.5))
+    (part,) = recorded(vehicle, position=without(whole.position, (4.0, 9.0)), imus={"base": late})
+    words = "of 5.995 s only 3.5 s are read, from where the IMU at base begins to where position"
+    assert caplog.messages == [f"flown: {words} ends"]
+    assert part.time[-1] == pytest.approx(3.5, abs=0.006)
+
+
+def test_logs_that_lack_what_they_need_are_refused(vehicle, caplog) -> None:
+    whole, name = log(vehicle), vehicle.commands[0]
+    with pytest.raises(
+        UsageError, match=rf"has no {name}, and forces need it; .*--name {name}=NAME"
+    ):
+        recorded(vehicle, commands={k: x for k, x in whole.commands.items() if k != name})
+    spoilt = whole.imus["base"]._replace(values=np.full((1200, 6), np.nan))
+    with pytest.raises(UsageError, match="fewer than 20 samples of the IMU at base; name another"):
+        recorded(vehicle, imus={"base": spoilt})
+    assert "1200 of 1200 samples of the IMU at base, which are not numbers" in caplog.text
+    (part,) = recorded(vehicle)
+    with pytest.raises(UsageError, match=r"from 50 to 60 s; flown lasts 5\.98"):
+        identify(vehicle.module, part, between=(50.0, 60.0))
