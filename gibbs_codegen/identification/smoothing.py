@@ -405,8 +405,9 @@ class Smoother:
             if early:
                 level += size < _NEAR or iteration >= _WAIT * (level + 1)
                 continue
-            # What further iterations would change, if each changes less by the same factor.
-            rest = size**2 / max(was - size, 0.1 * size, 1e-9)
+            # What further iterations would change, if each changes less by the same factor. It is
+            # infinite where fits go far astray; a power of a float would raise there.
+            rest = size * size / max(was - size, 0.1 * size, 1e-9)
             same = np.max(np.abs(np.log(before / estimate.wind))) < _SAME
             stuck = stuck + 1 if 0.0 < was <= size else 0
             if stuck == _STUCK:
