@@ -299,7 +299,7 @@ def cleaned(series: Mapping[Any, Samples], source: str) -> dict[Any, Samples]:
             for (why, count, whole), names in left_out.items()
         )
         _log.warning("%s: left out: %s", source, "; ".join(words))
-    if "attitude" in sound and len(sound["attitude"].time):
+    if "attitude" in sound:
         turned = Rotation.from_quat(sound["attitude"].values).as_matrix()
         sound["attitude"] = sound["attitude"]._replace(values=quaternions_of(turned))
     return sound
