@@ -50,8 +50,8 @@ _THIRD, _BY_MEDIAN = 20.0, 1.4826
 # Commands that are late by more, s, are unknown; steps in which delays of sensors are looked for,
 # their number, and the share of their variance by which turn rates may differ.
 _GAP, _FINE, _MOST_LAGS, _UNLIKE = 0.2, 2e-3, 100, 0.3
-# Times the usual step that a gap is, which tells nothing of delays.
-_TORN = 3.0
+# From so many usual steps and ns on a gap tells nothing of delays; logs may come in bursts.
+_TORN, _BURST = 3.0, 5e7
 # Time from command to command, s, that tells little of motors.
 _SELDOM = 0.03
 # Steps that differ by more than this share of the whole are no grid.
@@ -335,7 +335,8 @@ def _take_back_delay(series: dict[Any, Samples], source: str) -> None:
         """Values at fine times, NaN in gaps."""
         steps = np.diff(time)
         gaps = steps[np.clip(np.searchsorted(time, fine) - 1, 0, len(steps) - 1)]
-        return np.where(gaps > _TORN * np.median(steps), np.nan, np.interp(fine, time, values))
+        torn = max(_TORN * np.median(steps), _BURST)
+        return np.where(gaps > torn, np.nan, np.interp(fine, time, values))
 
     one, other = known(middle, rates), known(felt.time, speeds)
     lags = np.arange(-_MOST_LAGS, _MOST_LAGS + 1)
