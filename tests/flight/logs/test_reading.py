@@ -18,6 +18,8 @@ import gibbs_codegen
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.figures.curves import inputs
 from gibbs_codegen.flight.figures.flight import write_figures
+from gibbs_codegen.flight.logs.log import recorded_of
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight, read_flight
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import simulate
@@ -151,6 +153,26 @@ def test_a_ulog_of_topics_at_other_times(fast: Modules, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("pulses", "still"), [(900.0, ", which never change: nothing flew"), (0, "")]
+)
+def test_pulses_of_outputs_are_no_commands(
+    pulses: float, still: str, shipped: Modules, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    times = 10_000 * np.arange(40)
+    outputs = np.full((40, 4), pulses) + (0 if still else np.arange(40)[:, np.newaxis])
+    topics = {
+        "vehicle_local_position": ("float x;float y;float z;", times, np.zeros((40, 3))),
+        "vehicle_attitude": ("float[4] q;", times, np.tile([1.0, 0.0, 0.0, 0.0], (40, 1))),
+        "actuator_outputs": ("float[4] output;", times, outputs),
+    }
+    (tmp_path / "old.ulg").write_bytes(ulog(topics))
+    log = recorded_of(Vehicle(shipped("quadrotor")), tmp_path / "old.ulg", {})
+    assert not log.commands
+    words = "old.ulg: has no actuator_motors (PX4 logs them since 1.13), but pulses of the outputs"
+    assert caplog.messages == [words + still]
+
+
 def test_a_cutoff_takes_what_is_fast_and_delays_nothing(shipped: Modules, tmp_path: Path) -> None:
     time = np.arange(4000) / 1000.0
     slow, fast = (np.sin(2.0 * np.pi * f * time) for f in (1.0, 100.0))
