@@ -18,7 +18,7 @@ from hypothesis.internal.conjecture import providers
 from support.compiled import EVERY_GROUP, SMALL, Emitted, emit_labelled
 from support.derived import derived
 from support.kept import KEPT_MODULES, forget_unused, generator_digest, made_once
-from support.tools import KEPT_OBJECTS
+from support.tools import KEPT_OBJECTS, compiler_to_run
 
 from gibbs_codegen.pipeline import generate, generate_robot
 from gibbs_codegen.robot.family import paper_family
@@ -52,12 +52,6 @@ gc.set_threshold(50_000, 20, 20)
 _SOON = " -O0 -Dalways_inline="
 if _compiler := shutil.which("cc"):
     os.environ.setdefault("CC", _compiler + _SOON)
-
-
-def _compiling(options: str) -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("CC", os.environ.get("CC", "cc").removesuffix(_SOON) + options)
-        yield
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -136,13 +130,17 @@ def derived_once() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def optimized() -> Iterator[None]:
     """C is compiled as users have it."""
-    yield from _compiling("")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CC", os.environ.get("CC", "cc").removesuffix(_SOON))
+        yield
 
 
 @pytest.fixture(scope="module")
 def compiled_to_run() -> Iterator[None]:
-    """C is compiled in twice the time, and runs several times as fast."""
-    yield from _compiling(" -O1 -Dalways_inline=")
+    """C is compiled by `compiler_to_run`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CC", compiler_to_run())
+        yield
 
 
 @pytest.fixture(scope="session")

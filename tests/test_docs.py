@@ -16,7 +16,7 @@ import pytest
 from conftest import ROOT
 from support.command import run as run_command
 from support.pages import PAGES, blocks, files_of, run_python, write_files
-from support.tools import run, tool
+from support.tools import compiler_to_run, run, tool
 
 import gibbs_codegen
 from gibbs_codegen import generate, trim
@@ -69,6 +69,8 @@ def test_python_runs(page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
     """
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("gibbs_codegen.pipeline.refuse_wrong", lambda *_: None)
+    if page == "docs/howto/rollouts.md":
+        monkeypatch.setenv("CC", compiler_to_run())
     write_files(page, tmp_path)
     run_python(page)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from support.pages import PAGES, write_files
-from support.tools import run, tool
+from support.tools import compiler_to_run, run, tool
 
 LESSONS = sorted({p for p in PAGES if p.startswith("docs/lessons/")} - {"docs/lessons/index.md"})
 
@@ -24,8 +24,7 @@ def test_a_lesson_prints_what_it_shows(
         tool("arm-none-eabi-gcc")
     if "learning" in page:
         pytest.importorskip("gymnasium")
-        # It learns for longer than it compiles.
-        monkeypatch.setenv("CC", f"{os.environ.get('CC', 'cc')} -O1")
+        monkeypatch.setenv("CC", compiler_to_run())
     write_files(page, tmp_path)
     folder = Path(sys.executable).parent
     path = f"{folder}{os.pathsep}{os.environ['PATH']}"
