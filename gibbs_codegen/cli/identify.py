@@ -40,11 +40,12 @@ def run(options: argparse.Namespace) -> int:
     def check(robot: RobotData) -> None:
         """Raise `UsageError` for names that the robot does not have, before it is derived."""
         if not hasattr(robot.module, "PARAMETERS"):
-            from gibbs_codegen.derivation.parameters import Parameters
+            from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
             from gibbs_codegen.symbolic.tape import Tape
 
             source, _ = robot_argument.find_robot(options.robot)
-            vars(robot.module).update(PARAMETERS=Parameters(source, Tape(), zero).defaults)
+            symbols = SymbolicRobot.of(source, Tape(), zero)  # With those of actuators.
+            vars(robot.module).update(PARAMETERS=symbols.parameters.defaults)
         Unknowns(robot.module, options.free, prior)
 
     found = robot_argument.found_module(

@@ -148,8 +148,8 @@ class Unknowns:
                 hint = near(pattern, known) or "."
                 raise UsageError(
                     f"--free {printable(pattern)}: {self.module.NAME} has no such number other "
-                    f"than 0{hint} Free by default: {', '.join(one_by_one)}; `gibbs-codegen "
-                    "info` lists all numbers"
+                    f"than 0{hint} Free by default: {', '.join(one_by_one)}; `PARAMETERS` of the "
+                    "module has all numbers"
                 )
             chosen |= dict.fromkeys(names)
         for name in [*chosen]:  # Of one moment alone some values are those of no body.

@@ -8,9 +8,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.actuated import TEXT
 
 from gibbs_codegen.cli import identify, robot_argument
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.sweeps.sources import robot_data
 from gibbs_codegen.identification.identify import doubted, unseen
 from gibbs_codegen.identification.recorded import Recording, deviation
 from gibbs_codegen.identification.robot_file import with_numbers
@@ -294,13 +296,17 @@ def test_a_load_needs_all_numbers_of_its_body(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("free", "zeros"), [("frame_imu_?", True), ("payload.arm", True), ("arm_mass", False)]
+    ("free", "zeros"), [("frame_tip_?", True), ("payload.wrist", True), ("*_servo_delay", False)]
 )
-def test_patterns_of_what_may_be_zero_keep_zeros(tmp_path, monkeypatch, free, zeros) -> None:
-    def found(*_, keep_zeros: bool, **_settings):
+def test_names_are_those_of_the_file_and_what_may_be_zero_keeps_zeros(
+    tmp_path, monkeypatch, free, zeros
+) -> None:
+    def found(word, *_, check, keep_zeros: bool, **_settings):
+        check(robot_data(word, robot_argument.find_robot))
         raise UsageError(f"zeros: {keep_zeros}")
 
     monkeypatch.setattr(robot_argument, "found_module", found)
+    (tmp_path / "actuated.toml").write_text(TEXT)
     (tmp_path / "log.npz").touch()
     places = {"out": tmp_path / "out", "logs": [tmp_path / "log.npz"]}
     places |= {
@@ -311,6 +317,6 @@ def test_patterns_of_what_may_be_zero_keep_zeros(tmp_path, monkeypatch, free, ze
         "hold_out": 0.0,
         "room": 1.0,
     }
-    options = Namespace(**places, robot="quadrotor")
+    options = Namespace(**places, robot=str(tmp_path / "actuated.toml"))
     with pytest.raises(UsageError, match=f"zeros: {zeros}"):
         identify.run(options)
