@@ -37,6 +37,8 @@ from gibbs_codegen.identification.unknowns import Unknowns
 _OF_Q, _OF_V, _OF_X = 3e-5, 5e-4, 3e-4
 # Of biases of IMUs, m/s² and rad/s, and of the drag, by the mass, 1/s.
 _BIASES, _DRAG = (0.3, 0.05), 1.0
+# The least deviation of actuators at first, in their units; else that of where commands hold them.
+_RESTING = 1e-2
 # Time, s, in which the wind's pull decays, its deviation at first, m/s², and the least.
 _WIND_TIME, _WIND, _CALM = 1.0, 0.3, 0.01
 # Readings that are off by more of their deviations weigh less (Huber).
@@ -134,6 +136,7 @@ class Smoother:
             for name, series in zip("qvx", firsts, strict=True)
         }
         self.first["pull"] = np.zeros((len(self.q), model.pulls))
+        self._at_first = 1.0 / np.maximum(np.std(self.first["x"], axis=0), _RESTING)
 
     def start(self) -> Estimate:
         """The numbers of the robot file, and the motion by filtered readings."""
@@ -230,7 +233,10 @@ class Smoother:
         diagonal, lines = np.empty((count, n, n)), np.empty((count, n, n + free + 1))
         corner, last = np.zeros((free + 1, free + 1)), np.zeros((1, free + 1, n))
         reached = np.append(np.zeros((1, 1)), self.follows[:-1], axis=0)
-        pulls = range(n - self.model.pulls, n)
+        # Where a log begins, actuators are near where its first commands hold them.
+        begins = np.append(self._at_first, 1.0 / estimate.wind)
+        off = np.append(estimate.state["x"] - self.first["x"], estimate.state["pull"], axis=1)
+        off, unsure = begins**2 * (1.0 - reached) * off, range(n - len(begins), n)
         with threadpool_limits(1, "blas"):  # Its threads wait for work, on cores that these need.
             # While this thread eliminates the states of a chunk, others compute the next ones.
             parts = self._pool.map(lambda rows: self._part(estimate, free, residuals, rows), chunks)
@@ -239,9 +245,8 @@ class Smoother:
                 squares[:, range(n), range(n)] += weights**2 * reached[rows]
                 products[..., n:] -= np.concatenate([last, after[:-1]]).transpose(0, 2, 1)
                 last = after[-1:]
-                if not rows.start:
-                    squares[0, pulls, pulls] += 1.0 / estimate.wind**2
-                    products[0, pulls, -1] += estimate.state["pull"][0] / estimate.wind**2
+                squares[:, unsure, unsure] += begins**2 * (1.0 - reached[rows])
+                products[:, unsure, -1] += off[rows]
                 for k, (square, line) in enumerate(zip(squares, products, strict=True), rows.start):
                     if k:
                         carried = lines[k - 1, :, :n].T @ lines[k - 1]
