@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -35,6 +36,7 @@ from gibbs_codegen.identification.unknowns import PRIOR, Prior, Unknowns
 from gibbs_codegen.robot.parts.base import FIXED
 from gibbs_codegen.runtime.load import load
 
+_log = logging.getLogger("gibbs_codegen")
 Progress = Callable[[str, float], None]
 Log = Flight | Recording | str | os.PathLike[str]
 # Shares of the prior's deviation from which on a log does not tell a direction, and of a direction
@@ -216,13 +218,12 @@ def identify(
         y = np.append(estimate.shared[:f], estimate.shared[f + model.free])
         prediction = _accelerations_ahead(Regression(model, unknowns, rest), y)
     elif rest and estimate.settled:
-        of_file = np.concatenate([np.zeros(f), estimate.shared[f:]])
-        starts = {"by the robot file": of_file, "as identified": estimate.shared}
-        errors = [
-            _errors_ahead(*fitted(rest, shared, f"the part held out, {label}", numbers=False))
-            for label, shared in starts.items()
-        ]
-        prediction = {name: (errors[0][name], errors[1][name]) for name in errors[0]}
+        held, motion = fitted(rest, estimate.shared, "the part held out", numbers=False)
+        if motion.settled:
+            prediction = _errors_ahead(held, motion)
+        else:
+            words = "%s: no motion explains the part held out, so nothing is predicted in it"
+            _log.warning(words, ", ".join(sources))
     progress("all samples", 1.0)
     return _by_motion(smoother, estimate, frames, sources, prediction)
 
@@ -462,23 +463,31 @@ def unseen(unknowns: Unknowns, covariance: Array, slopes: Array) -> tuple[str, .
     return tuple(clauses)
 
 
-def _errors_ahead(smoother: Smoother, estimate: Estimate) -> dict[str, float]:
-    """Root mean squares of errors of coordinates that are predicted without readings."""
-    model, count = smoother.model, len(smoother.q)
-    machine, drag = smoother.machine(estimate.shared)
+def _errors_ahead(smoother: Smoother, estimate: Estimate) -> dict[str, tuple[float, float]]:
+    """Root mean squares of errors of coordinates that are predicted without readings.
+
+    They are by the numbers of the file and of an estimate, from the same states of the latter.
+    """
+    model, f, d = smoother.model, len(smoother.unknowns.names), smoother.model.layout.displaced
     steps = round(_AHEAD / model.h / smoother.samples)
-    starts = np.arange(0, count - steps, max(1, steps // 2))
+    starts = np.arange(0, len(smoother.q) - steps, max(1, steps // 2))
     starts = starts[np.array([smoother.follows[k : k + steps].all() for k in starts], dtype=bool)]
-    state = {name: values[starts] for name, values in estimate.state.items()}
-    commands = smoother.commands(0.0)[starts[:, np.newaxis] + np.arange(steps)]
-    for command in commands.reshape(len(starts), -1, commands.shape[-1]).swapaxes(0, 1):
-        state |= model(state, machine, command=command, drag=drag)[0]
-    away = model.vehicle.displacement(smoother.q[starts + steps, 0], state["q"])
-    known = smoother.has[starts + steps, 0, : model.nd] > 0.0
-    d = model.layout.displaced
+    commands = smoother.commands(0.0)[starts[:, np.newaxis] + np.arange(steps + 1)]
+    commands = commands.reshape(len(starts), -1, commands.shape[-1]).swapaxes(0, 1)
+    # Some series are read at samples other than the first of a state.
+    read, known = smoother.q[starts + steps], smoother.has[starts + steps, :, : model.nd] > 0.0
+    ways = []
+    for numbers in (np.zeros(f), estimate.shared[:f]):
+        machine, drag = smoother.machine(np.append(numbers, estimate.shared[f:]))
+        state, seen = {name: values[starts] for name, values in estimate.state.items()}, []
+        for command in commands:
+            seen.append(state["q"])
+            state |= model(state, machine, command=command, drag=drag)[0]
+        ends = np.stack(seen[-smoother.samples :], axis=1)
+        ways.append(model.vehicle.displacement(read, ends))
     kinds = {"position, m": d.position, "attitude, rad": d.attitude, "joints, rad or m": d.joints}
     return {
-        name: float(np.sqrt(np.mean(away[:, place][known[:, place]] ** 2)))
-        for name, place in kinds.items()
-        if known[:, place].any()
+        name: tuple(np.sqrt([np.mean(way[..., k][there] ** 2) for way in ways]).tolist())
+        for name, k in kinds.items()
+        if (there := known[..., k]).any()
     }
