@@ -6,6 +6,7 @@ state of a quadrotor with an arm take half as long, and nothing is derived or co
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from types import ModuleType
@@ -13,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gibbs_codegen.arrays.evaluation import evaluate
 from gibbs_codegen.arrays.functions import Functions
 from gibbs_codegen.arrays.nodes import Node, Program, constant, join, reshaped, variable, zeros
 from gibbs_codegen.flight.plant.vehicle import Vehicle
@@ -24,8 +26,10 @@ from gibbs_codegen.machine.steps import runge_kutta_4
 from gibbs_codegen.runtime.loaded_module import gravity_of
 from gibbs_codegen.runtime.program_blocks import BlockProgram, compile_program
 
-# The longest substep, s.
-_SUBSTEP = 2.5e-3
+# The longest substep, s, the shortest, and how many times the shortest time constant it may be.
+_LONGEST, _SHORTEST, _COVERED = 2.5e-3, 1.25e-3, 0.6
+# Changes of q, v and actuators, SI units, by which rates are known: friction is steep about rest.
+_CHANGES = 1e-3, 1.0, 1e-3
 _NEXT = "q_next", "v_next", "x_next"
 
 
@@ -89,16 +93,40 @@ class Model:
         after, moved = runge_kutta_4(move, accelerate, q, join(v, x), length)
         results = after, moved[: self.nv], moved[self.nv :]
         outputs = dict(zip(_NEXT, results, strict=True))
-        part, parts = Program("substep", inputs, outputs), max(1, round(h / _SUBSTEP))
+        part, change = Program("substep", inputs, outputs), rates(q, v, x)
+        derivatives = {"a": change.a, "actuators": change.actuators}
+        fastest = self._fastest(Program("rates", inputs[:-1], derivatives))
+        substep = np.clip(_COVERED / fastest, _SHORTEST, _LONGEST)
+        parts = self._parts = math.ceil(h / substep - 1e-3)
         outputs = dict(zip(_NEXT, (q, v, x), strict=True))
         for _ in range(parts):
             outputs = part.results(*outputs.values(), *inputs[3:-1], length / parts)
         gravity = variable("gravity", 3, uniform=True)
-        motion = SensedMotion(robot, q, v, rates(q, v, x).a, zeros(robot.frames, 6), gravity)
+        motion = SensedMotion(robot, q, v, change.a, zeros(robot.frames, 6), gravity)
         felt = (imu(motion, SensorAt("imu", frame, ())) for frame in imus)
         outputs["felt"] = join(zeros(0), *felt)
         self._step = Program("identification", (*inputs, gravity), outputs)
         self._robot, self._program = robot, compile_program(self._step, module)
+
+    def _fastest(self, rates: Program) -> float:
+        """The fastest rate, 1/s, of small motions about rest, by eigenvalues of their equations."""
+        module, nv = self.module, self.nv
+        sizes = np.repeat(_CHANGES, [nv, nv, self.nx])
+        steps = np.concatenate([np.diag(sizes), -np.diag(sizes)])
+        v, command = steps[:, nv : 2 * nv], np.zeros(len(module.INPUTS))
+        led = self.nx and not self._times
+        rest = module.actuator_state_of(command) if led else np.zeros(self.nx)
+        state = {
+            "q": module.integrate(np.tile(self.layout.neutral, (len(steps), 1)), steps[:, :nv]),
+            "v": v,
+            "x": rest + steps[:, 2 * nv :],
+        }
+        calm = {"command": command, "pull": np.zeros(self.pulls), "drag": 0.0}
+        scale = {"scale": np.zeros(self.pulls)}
+        out = evaluate(rates, {**state, **calm, **scale}, {"robot": module})
+        changes = np.concatenate([v, out["a"], out["actuators"]], axis=1)
+        slopes = (changes[: len(sizes)] - changes[len(sizes) :]) / (2.0 * sizes[:, np.newaxis])
+        return float(np.abs(np.linalg.eigvals(slopes)).max())
 
     def machine(self, parameters: Mapping[str, float]) -> MachineNumbers:
         """What steps are given of a machine, by parameters that differ from the robot file."""
@@ -158,7 +186,7 @@ class Model:
     def levels(self, commands: Array, constants: Any = None) -> Array:
         """States of actuators (s, nx) by commands (s, nu) alone, by Euler's method."""
         module, share = self.module, -np.expm1(-self.h / np.array(self._times))
-        parts = max(1, round(self.h / _SUBSTEP))
+        parts = self._parts
         if not self.nx:
             return np.zeros((len(commands), 0))
         lags, followed = bool(self._times), commands[:, self._lagging]

@@ -164,7 +164,9 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
 
     joints = {name: known(q[:, flight.coordinates.index(name)]) for name in vehicle.joint_names}
     sent = {name: known(c) for name, c in zip(vehicle.commands, commands.T, strict=True)}
-    felt = {frame: known(values) for frame, values in imus(flight).values()}
+    # What a sampled law commands first acts on no reading at the start.
+    late = int(flight.control_rate > 0.0)
+    felt = {frame: known(values).rows(slice(late, None)) for frame, values in imus(flight).values()}
     position, attitude = map(known, placed)
     log = Recorded(position, attitude, None, None, joints, {}, {}, (), felt, sent)
     return recordings_of(vehicle, log, source)[0]
