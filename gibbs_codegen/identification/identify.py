@@ -27,6 +27,7 @@ from gibbs_codegen.identification.recorded import (
     part_of,
     recording_of,
     recordings_of,
+    without_spikes,
 )
 from gibbs_codegen.identification.regression import Regression
 from gibbs_codegen.identification.report import html_report, text_report
@@ -155,7 +156,8 @@ def identify(
     listed = [logs] if isinstance(logs, Flight | Recording | str | os.PathLike) else [*logs]
     check_given(listed, hold_out)
     module = identifiable(robot)
-    whole = [part for log in listed for part in _recordings(log, module, names or {})]
+    read = [part for log in listed for part in _recordings(log, module, names or {})]
+    whole = [without_spikes(recording) for recording in read]
     spans = [slice(*np.searchsorted(log.time, between).tolist()) for log in whole]
     recordings = [part for log, rows in zip(whole, spans, strict=True) for part in cut(log, [rows])]
     if not recordings:
@@ -185,6 +187,8 @@ def identify(
     rest = [Readings(r, module, frames) for r in parts]
     longest = max(used, key=lambda recording: len(recording.time))
     first = Readings(part_of(longest, slice(_FIRST)), module, frames)
+    if first.blind not in blind:  # Its pose begins later.
+        first = readings[used.index(longest)]
     start = begin = np.zeros(len(unknowns.names))
     if first.blind:  # Where a pose is read, accelerations would take a servo's lag for its damping.
         y, _ = Regression(model, unknowns, [first]).run()

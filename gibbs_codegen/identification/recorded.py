@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from types import ModuleType
 from typing import Any
@@ -45,6 +45,8 @@ DELAY = 0.02
 # deviations of that pose, which say next to nothing, m and rad.
 _CUTOFF, _SWAY = 12.0, 0.1
 _ANYWHERE, _ANYHOW = 100.0, 3.0
+# Deviations from which on a reading that is unlike its neighbours is none.
+_SPIKE = 12.0
 # Third differences of white noise have so many times its variance; the deviation by the median.
 _THIRD, _BY_MEDIAN = 20.0, 1.4826
 # Commands that are late by more, s, are unknown; steps in which delays of sensors are looked for,
@@ -164,12 +166,14 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
 
     joints = {name: known(q[:, flight.coordinates.index(name)]) for name in vehicle.joint_names}
     sent = {name: known(c) for name, c in zip(vehicle.commands, commands.T, strict=True)}
-    # What a sampled law commands first acts on no reading at the start.
-    late = int(flight.control_rate > 0.0)
-    felt = {frame: known(values).rows(slice(late, None)) for frame, values in imus(flight).values()}
+    felt = {frame: known(values) for frame, values in imus(flight).values()}
     position, attitude = map(known, placed)
     log = Recorded(position, attitude, None, None, joints, {}, {}, (), felt, sent)
-    return recordings_of(vehicle, log, source)[0]
+    recording = recordings_of(vehicle, log, source)[0]
+    if flight.control_rate:  # What a sampled law commands first acts on no reading at the start.
+        for values in recording.imus.values():
+            values[0] = np.nan
+    return recording
 
 
 def _placed(flight: Flight, vehicle: Vehicle, source: str) -> tuple[str, Array, Array]:
@@ -431,6 +435,38 @@ def _new(values: Array) -> Array:
     return fresh
 
 
+def without_spikes(recording: Recording) -> Recording:
+    """A recording without entries of IMUs that are far from those before and after, which agree.
+
+    At the ends these are the two nearest. Weights of outliers alone would not do: a fit explains
+    one reading that is a hundred deviations off by numbers that nothing else shows well.
+    """
+    count, imus = 0, {frame: values.copy() for frame, values in recording.imus.items()}
+    for values in imus.values():
+        for column, size in zip(values.T, _felt_deviations(values), strict=True):
+            known = np.flatnonzero(np.isfinite(column))
+            x = column[known]
+            if len(x) < 3:
+                continue
+            middle = np.clip(np.arange(len(x)), 1, len(x) - 2)
+            nearest = np.stack([middle - 1, middle, middle + 1], axis=1)
+            others = x[nearest[nearest != np.arange(len(x))[:, np.newaxis]].reshape(-1, 2)]
+            away = np.abs(others - x[:, np.newaxis]).min(axis=1)
+            spikes = away > np.maximum(_SPIKE * size, 4.0 * np.abs(np.diff(others)[:, 0]))
+            column[known[spikes]] = np.nan
+            count += int(spikes.sum())
+    if count:
+        words = "%s: left out entries of IMUs that are unlike those before and after: %d"
+        _log.warning(words, recording.source, count)
+    return replace(recording, imus=imus)
+
+
+def _felt_deviations(felt: Array) -> Array:
+    """Deviations (6 i) of readings (s, 6 i) of IMUs."""
+    floors = [*[_FLOOR_FELT] * 3, *[_FLOOR_SPIN] * 3]
+    return deviation(felt, np.resize(floors, felt.shape[1]))
+
+
 def deviation(values: Array, floor: Array | float, increments: bool = False) -> Array:
     """Standard deviations (k) of white noise in series (s, k), smooth otherwise, with gaps."""
     found = np.zeros(values.shape[1]) + floor
@@ -499,6 +535,7 @@ class Readings:
         self.felt = np.concatenate(
             [np.zeros((count, 0)), *(recording.imus[frame] for frame in frames)], axis=1
         )
+        self.felt_deviations = _felt_deviations(self.felt)
         self.felt_filled = _filled(self.felt)
         low = butter(4, min(_CUTOFF, 0.4 / h), fs=1 / h, output="sos")
         guess = sosfiltfilt(low, smooth, axis=0)
@@ -518,5 +555,3 @@ class Readings:
             self.deviations[layout.displaced.attitude] = _ANYHOW
             if layout.is_quaternion:
                 self.rates[:, layout.v.attitude] = spins
-        floors = [*[_FLOOR_FELT] * 3, *[_FLOOR_SPIN] * 3]
-        self.felt_deviations = deviation(self.felt, np.resize(floors, self.felt.shape[1]))

@@ -228,3 +228,61 @@ def test_names_are_looked_for_before_a_robot_is_derived(monkeypatch, capsys, tmp
     }.items():
         assert main([*given, *wrong]) == 2
         assert words in capsys.readouterr().err
+
+
+HEXAROTOR = """
+name = "hexa"
+[base]
+attitude = "quaternion"
+mass = 1.9
+inertia = [0.022, 0.024, 0.042, 0, 0, 0]
+"""
+MOTOR = """
+[[rotor]]
+name = "m{k}"
+radius = 0.26
+azimuth_deg = {azimuth}
+drag = {drag}
+command = "throttle"
+max_thrust = 8
+thrust_model_factor = 0.7
+time_constant = 0.035
+"""
+
+
+@pytest.mark.slow  # 12 s. Six motors make four components of a wrench: two are seen by lags alone.
+def test_more_motors_than_a_wrench_has_components_and_one_wrong_reading(tmp_path, caplog) -> None:
+    motors = [MOTOR.format(k=k, azimuth=30 + 60 * k, drag=0.015 * (-1) ** k) for k in range(6)]
+    (tmp_path / "hexa.toml").write_text("".join([HEXAROTOR, *motors]), "utf-8")
+    module = load(generate(tmp_path / "hexa.toml", tmp_path, verify=False), backend="c")
+    real = {f"m{k}_time_constant": 0.045 for k in range(6)} | {"base_inertia_xx": 0.026}
+    changes = {
+        "name": "shakes",
+        "duration": 6,
+        "plant": real,
+        "base.path": {
+            "kind": "harmonic",
+            "x": waves((0.8, 1.3), (0.25, 3.1)),
+            "y": waves((0.8, 1.1), (0.25, 2.7)),
+            "z": waves((0.3, 1.9)),
+        },
+        "control": {"rate": 200, "frequency": 2.5, "attitude_frequency": 9},
+        "integration": {"method": "rk4", "step": 0.001, "rate": 200},
+        "wind": {"velocity": [1.5, 0.8, 0], "drag": {"base": 0.25}},
+        "sensors.imu": [{"rate": 200, "accelerometer_noise": 0.005, "gyroscope_noise": 5e-4}],
+        "sensors.pose": [{"rate": 100, "position_noise": 0.002, "attitude_noise": 0.001}],
+    }
+    recording = recording_of(simulate(module, read_scenario("circle", changes)), module, "shakes")
+    free = ["rotors.time_constant", "rotors.drag", "rotors.thrust_?", "base_inertia_??"]
+    result = identify(module, recording, free)
+    exact = [(module.PARAMETERS | real)[name.replace("rotors.", "m0_")] for name in result.names]
+    score = (result.values - np.array(exact)) / result.deviations
+    assert np.abs(score).max() < 4.0, dict(zip(result.names, score, strict=True))
+    lag = result.names.index("rotors.time_constant")
+    assert result.deviations[lag] < 5e-4
+    felt = recording.imus["base"].copy()
+    felt[300, 2] += 6.0
+    spoilt = identify(module, replace(recording, imus={"base": felt}), free)
+    words = "left out entries of IMUs that are unlike those before and after: 1"
+    assert caplog.text.count(words) == 1
+    assert (np.abs(spoilt.values - result.values) < 0.1 * result.deviations).all()
