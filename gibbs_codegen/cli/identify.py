@@ -6,6 +6,7 @@ With `--design` a scenario whose motion will tell them.
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 
 from gibbs_codegen.cli import robot_argument, terminal
@@ -28,10 +29,10 @@ def run(options: argparse.Namespace) -> int:
     """Identify the numbers, write robot file and report, and print the report; or design."""
     names, place = changes_of(options.name), options.design or options.out
     check_new(place)
-    check_given(options.logs, options.hold_out)
+    check_given(options.logs, options.hold_out, options.between)
     prior = {"*": PRIOR} | dict(options.prior)
     if bool(options.logs) == bool(options.design):
-        raise UsageError("no LOG given; give one, or design a motion with --design FILE")
+        raise UsageError("give LOG, or --design FILE for a motion to fly, and not both")
     if not options.room > 0.0:
         raise UsageError(f"--room must be above 0, but is {options.room:g}")
     # What a load changes, and places of frames, may be 0 in the file.
@@ -63,11 +64,12 @@ def run(options: argparse.Namespace) -> int:
             made = identify(module, options.logs, *settings, progress)
             settled = made.settled
         made.write(place)
-    has = f"fly it with `gibbs-codegen simulate {module.NAME} --scenario {printable(place)}`"
+    words = ["gibbs-codegen", "simulate", options.robot, "--scenario", str(place)]
+    has = f"fly it with `{printable(shlex.join(words), 4000)}`"
     if not options.design:
         has = f"has {module.NAME}.toml, report.html" if settled else "has report.html alone"
     print(f"{made.text()}\n{printable(place)}: {has}")
     if not settled:
-        words = f"{module.NAME}: the fit did not converge, so no robot file is written"
-        print(f"{words}; the report begins with what to do", file=sys.stderr)
+        fault = f"{module.NAME}: the fit did not converge, so no robot file is written"
+        print(f"{fault}; the report begins with what to do", file=sys.stderr)
     return int(not settled)

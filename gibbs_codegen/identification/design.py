@@ -286,10 +286,14 @@ class _Experiment:
 
     def spread(self, x: Array) -> float:
         """The mean of variances of unknowns in units of the prior; infinite beyond limits."""
+        level = _log.level
+        _log.setLevel(logging.ERROR)  # What readings of a motion lack is told of the best one.
         try:
             covariance = self.covariance(x)
         except GibbsCodegenError:
             return np.inf
+        finally:
+            _log.setLevel(level)
         prior = self.unknowns.prior
         return float(np.mean(np.diag(covariance)[: len(prior)] / prior**2))
 

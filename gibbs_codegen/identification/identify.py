@@ -154,7 +154,7 @@ def identify(
         UsageError: If a log or a pattern is not of the robot, or it has loops.
     """
     listed = [logs] if isinstance(logs, Flight | Recording | str | os.PathLike) else [*logs]
-    check_given(listed, hold_out)
+    check_given(listed, hold_out, between)
     module = identifiable(robot)
     read = [part for log in listed for part in _recordings(log, module, names or {})]
     whole = [without_spikes(recording) for recording in read]
@@ -255,10 +255,12 @@ def model_of(module: ModuleType, recordings: Sequence[Recording]) -> Model:
     return Model(module, recordings[0].step, places, input_noise(recordings, module))
 
 
-def check_given(logs: Sequence[Log], hold_out: float) -> None:
-    """Raise `UsageError` for a path at which there is nothing, or a share that is none."""
+def check_given(logs: Sequence[Log], hold_out: float, between: tuple[float, float]) -> None:
+    """Raise `UsageError` for paths at which there is nothing, a share or a part that is none."""
     if not 0.0 <= hold_out <= 0.9:
         raise UsageError(f"hold_out, a share, must be from 0 to 0.9, but is {hold_out:g}")
+    if not between[0] < between[1]:
+        raise UsageError(f"between: {between[1]:g} s, its end, is not after {between[0]:g} s")
     for log in logs:
         if isinstance(log, str | os.PathLike) and not Path(log).exists():
             raise UsageError(f"{printable(log)}: does not exist; give a log")

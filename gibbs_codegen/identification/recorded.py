@@ -145,7 +145,7 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
         commands = np.clip(flight.commanded, *flight.input_limits)
     if not flight.control_rate:  # Laws that act at all times go on between samples.
         commands = np.concatenate([0.5 * (commands[1:] + commands[:-1]), commands[-1:]])
-    sensor, *placed = _placed(flight, vehicle, source)
+    sensor, *placed = _placed(flight, vehicle)
     q, read = flight.q.copy(), [f"{name}_" for name in imus(flight)]
     read += [f"{sensor}_{what}_" for what in ("position", "x_axis", "y_axis") if sensor]
     encoders = {
@@ -157,6 +157,11 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
     if encoders:
         q[:, [*encoders]] = _new(flight.sensors[:, [*encoders.values()]])
         read += [flight.sensor_names[k] for k in encoders.values()]
+    posed = not vehicle.layout.q.base or f"{sensor}_x_axis_x" in flight.sensor_names
+    exact = ["attitude" if sensor else "pose"] * (not posed)
+    if exact := exact + ["joints"] * (len(encoders) < vehicle.joints):
+        words = "%s: no sensor reads the %s; taken without noise, which a `Recording` can leave out"
+        _log.warning(words, source, " and ".join(exact))
     if rest := unread(flight, read):
         _log.warning("%s: identify does not use its readings %s", source, rest)
 
@@ -176,7 +181,7 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
     return recording
 
 
-def _placed(flight: Flight, vehicle: Vehicle, source: str) -> tuple[str, Array, Array]:
+def _placed(flight: Flight, vehicle: Vehicle) -> tuple[str, Array, Array]:
     """The sensor of the base's pose, and what it reads of that: positions, quaternions (s, ·).
 
     It is the first at a frame that stays on the base, one of poses rather than a GPS, beside which
@@ -196,7 +201,6 @@ def _placed(flight: Flight, vehicle: Vehicle, source: str) -> tuple[str, Array, 
         attitude *= Rotation.from_matrix(mounted[:3, :3]).inv()
         turned = np.where(known, attitude.as_quat(), np.nan)
     else:
-        _log.warning("%s: no sensor reads the attitude; it is taken without noise", source)
         position, turned = _new(position), base.quaternion
     return name, position - attitude.apply(mounted[:3, 3]), turned
 

@@ -130,6 +130,15 @@ def test_it_tells_more_than_a_circle(drone: ModuleType, designed: Design) -> Non
     assert least[0] > 10.0 * least[1]
 
 
+@pytest.mark.slow  # 3 s, with the ones above.
+def test_what_readings_of_motions_lack_is_told_of_the_best_alone(
+    drone: ModuleType, caplog: pytest.LogCaptureFixture
+) -> None:
+    design(drone, ["base_mass"], {"duration": 2, **SCENARIO}, tries=2)
+    (told,) = (words for words in caplog.messages if "reads the pose" in words)
+    assert told.startswith("small room: ")
+
+
 @pytest.mark.slow  # 7 s; inline: the search, below.
 def test_an_arm_on_a_table(tmp_path: Path) -> None:
     """It bends and stretches, which one joint after the other would not tell."""
@@ -171,8 +180,11 @@ def test_an_interrupted_search_keeps_the_best() -> None:
 
 
 def test_what_cannot_be_designed_is_refused(tmp_path: Path) -> None:
-    refused = run("identify", "quadrotor", cwd=tmp_path)
-    assert (refused.returncode, "no LOG given" in refused.stderr) == (2, True)
+    for words in ([], [".", "--design", "new.toml"]):
+        refused = run("identify", "quadrotor", *words, cwd=tmp_path)
+        assert (refused.returncode, "and not both" in refused.stderr) == (2, True)
+    refused = run("identify", "quadrotor", ".", "--between", "5", "2", cwd=tmp_path)
+    assert (refused.returncode, "2 s, its end, is not after 5 s" in refused.stderr) == (2, True)
     (tmp_path / "there.toml").write_text("")
     refused = run("identify", "quadrotor", "--design", "there.toml", cwd=tmp_path)
     assert (refused.returncode, "exists already" in refused.stderr) == (2, True)

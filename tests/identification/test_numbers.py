@@ -315,6 +315,7 @@ def test_names_are_those_of_the_file_and_what_may_be_zero_keeps_zeros(
         "free": [free],
         "prior": [],
         "hold_out": 0.0,
+        "between": (0.0, np.inf),
         "room": 1.0,
     }
     options = Namespace(**places, robot=str(tmp_path / "actuated.toml"))

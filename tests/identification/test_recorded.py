@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gibbs_codegen import UsageError, load
+from gibbs_codegen import UsageError, load, read_scenario, simulate
 from gibbs_codegen.flight.logs.reading import Recorded, Samples
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.identification.identify import identify
-from gibbs_codegen.identification.recorded import Recording, recordings_of
+from gibbs_codegen.identification.recorded import Recording, recording_of, recordings_of
 
 SECONDS = 6.0
 
@@ -164,3 +164,17 @@ def test_logs_that_lack_what_they_need_are_refused(vehicle, caplog) -> None:
     (part,) = recorded(vehicle)
     with pytest.raises(UsageError, match=r"from 50 to 60 s; flown lasts 5\.98"):
         identify(vehicle.module, part, between=(50.0, 60.0))
+
+
+@pytest.mark.parametrize(
+    ("sensors", "exact"),
+    [({"pose": [{}]}, "joints"), ({"encoders": [{}], "gps": [{"rate": 25}]}, "attitude")],
+)
+def test_what_no_sensor_of_a_flight_reads_is_said_to_be_exact(
+    vehicle, caplog, sensors, exact
+) -> None:
+    steps = {"method": "rk4", "step": 0.01, "rate": 100}
+    changes = {"duration": 2.1, "integration": steps, "control.rate": 100, "sensors": sensors}
+    recording_of(simulate(vehicle.module, read_scenario("hover", changes)), vehicle.module, "flown")
+    (told,) = (words for words in caplog.messages if "without noise" in words)
+    assert told.startswith(f"flown: no sensor reads the {exact}; ")
