@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.logs.cdr import times_of
-from gibbs_codegen.flight.logs.motion import base_motion, imus, places, unread
+from gibbs_codegen.flight.logs.motion import base_motion, imus, on_base, poses, unread
 from gibbs_codegen.flight.logs.reading import (
     Recorded,
     Samples,
@@ -187,14 +187,12 @@ def _placed(flight: Flight, vehicle: Vehicle) -> tuple[str, Array, Array]:
     It is the first at a frame that stays on the base, one of poses rather than a GPS, beside which
     attitudes are the true ones. Where there is none, "", all are.
     """
-    poses, base = vehicle.module.frame_poses(vehicle.neutral), base_motion(flight)
-    on_base = _on_base(vehicle) if vehicle.layout.q.base else []
-    sensors = [(name, x) for name, x in places(flight).items() if x[0] in on_base]
+    base, mounts = base_motion(flight), on_base(vehicle) if vehicle.layout.q.base else {}
+    sensors = [(name, x) for name, x in poses(flight).items() if x[0] in mounts]
     if not sensors:
         return "", base.position, base.quaternion
     name, (frame, position, quaternion) = min(sensors, key=lambda x: np.isnan(x[1][2]).all())
-    home, there = (poses[vehicle.frames.index(x)] for x in ("base", frame))
-    mounted = np.linalg.inv(home) @ there
+    mounted = mounts[frame]
     attitude, known = Rotation.from_quat(base.quaternion), np.isfinite(quaternion)
     if known.any():
         attitude = Rotation.from_quat(np.where(known, quaternion, base.quaternion))
@@ -203,12 +201,6 @@ def _placed(flight: Flight, vehicle: Vehicle) -> tuple[str, Array, Array]:
     else:
         position, turned = _new(position), base.quaternion
     return name, position - attitude.apply(mounted[:3, 3]), turned
-
-
-def _on_base(vehicle: Vehicle) -> list[str]:
-    """Frames that no joint moves."""
-    ways = vehicle.module.frame_jacobians(vehicle.neutral)[..., vehicle.layout.v.joints]
-    return [frame for frame, way in zip(vehicle.frames, ways, strict=True) if not way.any()]
 
 
 def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recording]:
@@ -392,7 +384,8 @@ def _reckoned_by_imu(
     vertical of what does not fly away, where up is. Raises `UsageError` if no IMU is on the base.
     """
     layout, count = vehicle.layout, len(recording.time)
-    frame = next((f for f in frames if f in _on_base(vehicle)), None)
+    mounts = on_base(vehicle)
+    frame = next((f for f in frames if f in mounts), None)
     if frame is None:
         raise UsageError(
             f"without a pose an IMU on the base is needed, and {', '.join(frames)} are on links; "
@@ -404,7 +397,7 @@ def _reckoned_by_imu(
                 f"{recording.source}: has no pose, and in a part an IMU has no readings; cut that "
                 "part out (--between)"
             )
-    axes = vehicle.module.frame_poses(vehicle.neutral)[vehicle.frames.index(frame), :3, :3]
+    axes = mounts[frame][:3, :3]
     force, spin = np.split(_filled(recording.imus[frame]), 2, axis=1) @ axes.T
     attitudes = [Rotation.identity()]
     for step in Rotation.from_rotvec(recording.step * spin[:-1]):

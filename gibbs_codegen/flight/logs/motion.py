@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.flight.plant.kinematics import kinematics_of, quaternions_of
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.vectors import Array, times, transposed
 
@@ -78,7 +79,7 @@ def imus(flight: Flight) -> dict[str, tuple[str, Array]]:
     }
 
 
-def places(flight: Flight) -> dict[str, tuple[str, Array, Array]]:
+def poses(flight: Flight) -> dict[str, tuple[str, Array, Array]]:
     """By the name of each pose sensor and GPS its frame, positions (s, 3), m, and quaternions.
 
     World axes; before the first reading, and of a GPS, these (s, 4) are NaN.
@@ -97,14 +98,13 @@ def places(flight: Flight) -> dict[str, tuple[str, Array, Array]]:
     return found
 
 
-def poses(flight: Flight) -> dict[str, tuple[Array, Array]]:
-    """By the name of each sensor of the pose of the frame "base" its readings, as of `places`."""
-    rows = places(flight).items()
-    return {
-        name: (position, attitude)
-        for name, (frame, position, attitude) in rows
-        if frame == "base" and np.isfinite(attitude).any()
-    }
+def on_base(vehicle: Vehicle) -> dict[str, Array]:
+    """Frames that no joint moves, with their poses (4, 4) in the base's axes."""
+    ways = vehicle.module.frame_jacobians(vehicle.neutral)[..., vehicle.layout.v.joints]
+    poses = vehicle.module.frame_poses(vehicle.neutral)
+    poses = np.linalg.inv(poses[vehicle.frames.index("base")]) @ poses
+    rows = zip(vehicle.frames, poses, ways, strict=True)
+    return {frame: pose for frame, pose, way in rows if not way.any()}
 
 
 def unread(flight: Flight, read: Iterable[str]) -> str:

@@ -102,8 +102,9 @@ def topics_of(flight: Flight) -> Topics:
     }
     if joints:
         topics["joint_states"] = joints
-    seen = [*poses(flight).items()][:1]
-    for _, (position, quaternion) in seen:
+    read = ((name, x) for name, x in poses(flight).items() if x[0] == "base")
+    seen = [(name, x) for name, x in read if np.isfinite(x[2]).any()][:1]
+    for _, (_, position, quaternion) in seen:
         topics["vehicle_visual_odometry"] = {
             **_listed("position", north_east_down(position)),
             **_listed("q", turned_attitude(quaternion)),

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from gibbs_codegen.errors import UsageError, printable, require
 from gibbs_codegen.flight.logs.bags import ACTUATORS, message_types, read_messages
 from gibbs_codegen.flight.logs.cdr import encoded, stamps, times_of
-from gibbs_codegen.flight.logs.motion import base_motion, imus, poses, shares, unread
+from gibbs_codegen.flight.logs.motion import base_motion, imus, on_base, poses, shares, unread
 from gibbs_codegen.flight.logs.reading import (
     NO_TIME,
     Recorded,
@@ -36,7 +36,7 @@ _log = logging.getLogger("gibbs_codegen")
 WORLD, BASE = "world", "base"
 # By the unit of a command, the list of Actuators that it belongs to.
 _LISTS = {"rad": "position", "m": "position", "rad/s": "velocity", "m/s": "velocity"}
-_JOINTS = "sensor_msgs/msg/JointState"
+_JOINTS, _TRANSFORM = "sensor_msgs/msg/JointState", "geometry_msgs/msg/TransformStamped"
 _POSES = ("Odometry", "PoseStamped", "PoseWithCovarianceStamped", "TransformStamped")
 # By what for, topics that are read, and types.
 _READ = {
@@ -123,11 +123,15 @@ def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
             }
             # Below /imu, so that none takes the place of another topic.
             topics["/imu" if name == "imu" else f"/imu/{name}"] = ("sensor_msgs/msg/Imu", measured)
-    for name, (position, quaternion) in poses(flight).items():
-        pose = {"position": _named("xyz", position), "orientation": _named("xyzw", quaternion)}
+    seen = {name: x for name, x in poses(flight).items() if np.isfinite(x[2]).any()}
+    for name, (frame, position, quaternion) in seen.items():
+        moved = {"translation": _named("xyz", position), "rotation": _named("xyzw", quaternion)}
         topic = "/pose" if name == "pose" else f"/pose/{name}"
-        topics[topic] = ("geometry_msgs/msg/PoseStamped", {"header": header, "pose": pose})
-    if rest := unread(flight, [f"{name}_" for name in (*imus(flight), *poses(flight))]):
+        topics[topic] = (
+            _TRANSFORM,
+            {"header": header, "child_frame_id": frame, "transform": moved},
+        )
+    if rest := unread(flight, [f"{name}_" for name in (*imus(flight), *seen)]):
         _log.warning("not written to the bag: readings %s", rest)
     return topics
 
@@ -185,11 +189,22 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
     # Where a message has no attitude yet, nothing else in it is known.
     unknown = 0.0 * attitude[:, :1]
     position = np.array([_entries("xyz", pose) for pose, _ in placed]) + unknown
+    turned = Rotation.from_quat(np.where(np.isnan(attitude), [0, 0, 0, 1], attitude))
+    posed = poses and hasattr(poses[0][1], "transform")
+    frame = poses[0][1].child_frame_id if posed else BASE
+    if frame in vehicle.frames and frame != BASE:
+        if frame not in (mounted := on_base(vehicle)):
+            raise UsageError(
+                f"{printable(path)}: {printable(topics['odometry'])} has poses of {frame}, which "
+                "joints move; name a topic with poses of the base"
+            )
+        turned *= Rotation.from_matrix(mounted[frame][:3, :3]).inv()
+        attitude = turned.as_quat() + unknown
+        position = position - turned.apply(mounted[frame][:3, 3])
     velocity = spin = None
     if poses and hasattr(poses[0][1], "twist"):
         twists = [message.twist.twist for _, message in poses]
         moving = np.array([_entries("xyz", twist.linear) for twist in twists])
-        turned = Rotation.from_quat(np.where(np.isnan(attitude), [0, 0, 0, 1], attitude))
         velocity = Samples(time, turned.apply(moving) + unknown)
         turning = np.array([_entries("xyz", twist.angular) for twist in twists])
         spin = Samples(time, turning + unknown)

@@ -121,6 +121,7 @@ def test_imus_of_the_robot_take_the_place_of_the_exact_one(
 ) -> None:
     imu = {"rate": 500, "accelerometer_noise": 0.1, "gyroscope_noise": 0.01}
     sensors = {"imu": [{"name": "hand", "frame": "tip"}, imu], "encoders": [{}]}
+    sensors["pose"] = [{"name": "wrist", "frame": "tip"}]
     scenario = read_scenario("hover", {"duration": 0.2, "sensors": sensors})
     flight = simulate(fast("quadrotor_arm_2link"), scenario)
     gibbs_codegen.write_log(flight, tmp_path / "bag")
@@ -145,6 +146,8 @@ def test_imus_of_the_robot_take_the_place_of_the_exact_one(
         module, names = fast("quadrotor_arm_2link"), {"F_front_left": name}
         with pytest.raises(UsageError, match=f"has no {name}, named for F_front_left"):
             gibbs_codegen.read_log(module, tmp_path / log, names)
+    with pytest.raises(UsageError, match="/pose/wrist has poses of tip, which joints move"):
+        gibbs_codegen.read_log(module, tmp_path / "bag", {"odometry": "/pose/wrist"})
     gibbs_codegen.read_log(fast("quadrotor"), tmp_path / "bag", {"imu": "/imu/hand"})
     assert (
         "imu: the robot has no frame tip; the readings are taken as those of the base"
