@@ -92,17 +92,21 @@ class Model:
         inputs = (q, v, x, command, pull, drag, scale, length)
         after, moved = runge_kutta_4(move, accelerate, q, join(v, x), length)
         results = after, moved[: self.nv], moved[self.nv :]
-        outputs = dict(zip(_NEXT, results, strict=True))
-        part, change = Program("substep", inputs, outputs), rates(q, v, x)
+        # The first stage of a substep is the motion that IMUs feel.
+        change = rates(q, v, x)
+        outputs = dict(zip((*_NEXT, "a"), (*results, change.a), strict=True))
+        part = Program("substep", inputs, outputs)
         derivatives = {"a": change.a, "actuators": change.actuators}
         fastest = self._fastest(Program("rates", inputs[:-1], derivatives))
         substep = np.clip(_COVERED / fastest, _SHORTEST, _LONGEST)
         parts = self._parts = math.ceil(h / substep - 1e-3)
-        outputs = dict(zip(_NEXT, (q, v, x), strict=True))
+        substeps = [dict(zip(_NEXT, (q, v, x), strict=True))]
         for _ in range(parts):
-            outputs = part.results(*outputs.values(), *inputs[3:-1], length / parts)
+            before = (substeps[-1][name] for name in _NEXT)
+            substeps.append(part.results(*before, *inputs[3:-1], length / parts))
+        outputs = {name: substeps[-1][name] for name in _NEXT}
         gravity = variable("gravity", 3, uniform=True)
-        motion = SensedMotion(robot, q, v, change.a, zeros(robot.frames, 6), gravity)
+        motion = SensedMotion(robot, q, v, substeps[1]["a"], zeros(robot.frames, 6), gravity)
         felt = (imu(motion, SensorAt("imu", frame, ())) for frame in imus)
         outputs["felt"] = join(zeros(0), *felt)
         self._step = Program("identification", (*inputs, gravity), outputs)
