@@ -15,11 +15,7 @@ from gibbs_codegen.files.staging import check_new
 from gibbs_codegen.files.toml import changes_of
 from gibbs_codegen.flight.plant.vehicle import RobotData
 from gibbs_codegen.identification.design import Design, design
-from gibbs_codegen.identification.identify import (
-    Identified,
-    check_given,
-    identify,
-)
+from gibbs_codegen.identification.identify import Identified, check_given, identify
 from gibbs_codegen.identification.unknowns import PRIOR, Unknowns
 from gibbs_codegen.runtime.load import load
 

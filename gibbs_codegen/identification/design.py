@@ -28,13 +28,7 @@ from gibbs_codegen.flight.plant.allocation import commands_all
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import flight_start, simulate
 from gibbs_codegen.flight.vectors import Array
-from gibbs_codegen.identification.identify import (
-    Progress,
-    identifiable,
-    imus_of,
-    model_of,
-    unseen,
-)
+from gibbs_codegen.identification.identify import Progress, identifiable, imus_of, model_of, unseen
 from gibbs_codegen.identification.model import Model
 from gibbs_codegen.identification.recorded import Readings, recording_of
 from gibbs_codegen.identification.report import as_text

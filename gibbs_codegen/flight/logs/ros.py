@@ -83,14 +83,13 @@ def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
     header = {"stamp": stamp, "frame_id": WORLD}
     place, attitude = _named("xyz", base.position), _named("xyzw", base.quaternion)
     twist = {"linear": _named("xyz", base.velocity), "angular": _named("xyz", base.spin)}
-    moved = {"translation": place, "rotation": attitude}
     odometry = {
         "header": header,
         "child_frame_id": BASE,
         "pose": {"pose": {"position": place, "orientation": attitude}},
         "twist": {"twist": twist},
     }
-    transform = {"header": header, "child_frame_id": BASE, "transform": moved}
+    transform = _transform(header, BASE, base.position, base.quaternion)
     efforts = {"name": flight.input_names, "effort": flight.applied}
     no_attitude = -1.0 * (np.arange(9) == 0) * np.ones((len(flight.time), 1))
     topics: dict[str, tuple[str, Mapping[str, Any]]] = {
@@ -125,15 +124,17 @@ def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
             topics["/imu" if name == "imu" else f"/imu/{name}"] = ("sensor_msgs/msg/Imu", measured)
     seen = {name: x for name, x in poses(flight).items() if np.isfinite(x[2]).any()}
     for name, (frame, position, quaternion) in seen.items():
-        moved = {"translation": _named("xyz", position), "rotation": _named("xyzw", quaternion)}
         topic = "/pose" if name == "pose" else f"/pose/{name}"
-        topics[topic] = (
-            _TRANSFORM,
-            {"header": header, "child_frame_id": frame, "transform": moved},
-        )
+        topics[topic] = _TRANSFORM, _transform(header, frame, position, quaternion)
     if rest := unread(flight, [f"{name}_" for name in (*imus(flight), *seen)]):
         _log.warning("not written to the bag: readings %s", rest)
     return topics
+
+
+def _transform(header: Any, frame: str, position: Array, quaternion: Array) -> dict[str, Any]:
+    """A TransformStamped of a frame by its poses (s, ·)."""
+    moved = {"translation": _named("xyz", position), "rotation": _named("xyzw", quaternion)}
+    return {"header": header, "child_frame_id": frame, "transform": moved}
 
 
 def _named(names: str, values: Array) -> dict[str, Array]:
