@@ -98,7 +98,7 @@ class Model:
         part = Program("substep", inputs, outputs)
         derivatives = {"a": change.a, "actuators": change.actuators}
         fastest = self._fastest(Program("rates", inputs[:-1], derivatives))
-        substep = np.clip(_COVERED / fastest, _SHORTEST, _LONGEST)
+        substep = np.clip(_COVERED / max(fastest, 1.0), _SHORTEST, _LONGEST)
         parts = self._parts = math.ceil(h / substep - 1e-3)
         substeps = [dict(zip(_NEXT, (q, v, x), strict=True))]
         for _ in range(parts):
@@ -128,7 +128,11 @@ class Model:
         calm = {"command": command, "pull": np.zeros(self.pulls), "drag": 0.0}
         scale = {"scale": np.zeros(self.pulls)}
         out = evaluate(rates, {**state, **calm, **scale}, {"robot": module})
-        changes = np.concatenate([v, out["a"], out["actuators"]], axis=1)
+        # What depends on no state has no axis of states.
+        parts = (
+            np.broadcast_to(out[name], (len(v), out[name].shape[-1])) for name in rates.outputs
+        )
+        changes = np.concatenate([v, *parts], axis=1)
         slopes = (changes[: len(sizes)] - changes[len(sizes) :]) / (2.0 * sizes[:, np.newaxis])
         return float(np.abs(np.linalg.eigvals(slopes)).max())
 

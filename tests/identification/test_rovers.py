@@ -118,7 +118,7 @@ def test_how_certain_states_are_is_that_of_the_dense_equations(flight, monkeypat
     for name in ("q", "has", "felt", "follows", "_weights"):
         setattr(smoother, name, getattr(smoother, name)[:samples])
     smoother.follows[-1] = 0.0
-    state = {name: values[:samples] for name, values in smoother.first.items()}
+    state = smoother.first = {name: values[:samples] for name, values in smoother.first.items()}
     estimate = replace(smoother.start(), state=state, covariance=np.diag(smoother.prior**2) / 100)
     size = model.nd + model.nv + model.nx + model.pulls
 
