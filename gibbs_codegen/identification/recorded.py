@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import PchipInterpolator, interp1d
 from scipy.signal import butter, sosfiltfilt
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.logs.cdr import times_of
@@ -49,11 +49,16 @@ _ANYWHERE, _ANYHOW = 100.0, 3.0
 _SPIKE = 12.0
 # Third differences of white noise have so many times its variance; the deviation by the median.
 _THIRD, _BY_MEDIAN = 20.0, 1.4826
-# Commands that are late by more, s, are unknown; steps in which delays of sensors are looked for,
-# their number, and the share of their variance by which turn rates may differ.
-_GAP, _FINE, _MOST_LAGS, _UNLIKE = 0.2, 2e-3, 100, 0.3
-# From so many usual steps and ns on a gap tells nothing of delays; logs may come in bursts.
-_TORN, _BURST = 3.0, 5e7
+# Commands that are late by more, s, are unknown.
+_GAP = 0.2
+# Delays that are tried, and the greatest, s; steps by Gauss and Newton, s and their number; time
+# over which turns are compared, and their differences correlated, s; what share may differ.
+_TRIED, _FAR, _NEAR, _STEPS = np.linspace(-0.2, 0.2, 15).tolist(), 0.21, 0.01, 4
+_WINDOW, _CORRELATED, _UNLIKE = 0.3, 1.0, 0.5
+# Deviation of a delay, s, that tells none; deviations, and s, above which it is corrected.
+_VAGUE, _SURE, _BRIEF = 2e-3, 3.0, 5e-4
+# From so many usual steps and s on a gap tells nothing of delays; logs may come in bursts.
+_TORN, _BURST = 3.0, 0.05
 # Time from command to command, s, that tells little of motors.
 _SELDOM = 0.03
 # Steps that differ by more than this share of the whole are no grid.
@@ -324,40 +329,76 @@ def _take_back_delay(series: dict[Any, Samples], source: str) -> None:
     """Take back how much later the pose is than the IMU at the base, or that, by how they turn."""
     if not series.keys() >= {"attitude", ("imu", "base")}:
         return
-    pose, felt = series["attitude"], series["imu", "base"]
-    turns = Rotation.from_quat(pose.values)
-    rates = (turns[:-1].inv() * turns[1:]).magnitude() / (np.diff(pose.time) * 1e-9)
-    middle = 0.5 * (pose.time[1:] + pose.time[:-1])
-    fine = np.arange(max(middle[0], felt.time[0]), min(middle[-1], felt.time[-1]), _FINE * 1e9)
-    if len(fine) < _LEAST:
-        return
-    speeds = np.linalg.norm(felt.values[:, 3:], axis=1)
-
-    def known(time: Any, values: Array) -> Array:
-        """Values at fine times, NaN in gaps."""
-        steps = np.diff(time)
-        gaps = steps[np.clip(np.searchsorted(time, fine) - 1, 0, len(steps) - 1)]
-        torn = max(_TORN * np.median(steps), _BURST)
-        return np.where(gaps > torn, np.nan, np.interp(fine, time, values))
-
-    one, other = known(middle, rates), known(felt.time, speeds)
-    lags = np.arange(-_MOST_LAGS, _MOST_LAGS + 1)
-    inner = slice(_MOST_LAGS, len(fine) - _MOST_LAGS)
-    misses = np.array([np.nanvar(other[inner] - np.roll(one, -lag)[inner]) for lag in lags])
-    best = int(np.argmin(misses))
-    if not 0 < best < len(lags) - 1 or misses[best] > _UNLIKE * np.nanvar(other[inner]):
-        words = "%s: turns too little, or unlike its IMU, to tell whether the pose lags the IMU"
+    delay, deviation = _delay(series["attitude"], series["imu", "base"])
+    if deviation > _VAGUE:
+        words = (
+            "%s: turns too little, or unlike its IMU, to tell whether the pose lags the IMU at "
+            "base; none is assumed to; turn it to and fro quickly, and compare the axes of both"
+        )
         _log.warning(words, source)
-        return
-    before, at, after = misses[best - 1 : best + 2]
-    delay = (lags[best] + 0.5 * (before - after) / (before - 2.0 * at + after)) * _FINE
-    if abs(delay) > 0.5 * _FINE:  # The later of both is late, for nothing is read ahead of time.
+    elif abs(delay) > max(_SURE * deviation, _BRIEF):
+        # The later of both is late, for nothing is read ahead of time.
         pose_late = delay > 0.0
-        late = "the pose lags the IMU" if pose_late else "the IMU at base lags the pose"
-        _log.warning("%s: %s by %.4f s, which is corrected", source, late, abs(delay))
+        late = "the pose lags the IMU at base" if pose_late else "the IMU at base lags the pose"
+        words = "%s: %s by %.4f ± %.1g s, which is corrected"
+        _log.warning(words, source, late, abs(delay), deviation)
         for name in ("position", "attitude") if pose_late else [("imu", "base")]:
             samples = series[name]
             series[name] = samples._replace(time=samples.time - round(abs(delay) * 1e9))
+
+
+def _delay(pose: Samples, felt: Samples) -> tuple[float, float]:
+    """By how much attitudes are later than an IMU with their axes, and its deviation, s.
+
+    Turns over windows are those that the gyroscope integrates to, but for its bias, with noise that
+    is correlated for a while. The deviation is infinite where they differ too much.
+    """
+    time, at = (1e-9 * (samples.time - felt.time[0]) for samples in (felt, pose))
+    steps, turned = np.diff(time), Rotation.from_quat(pose.values)
+    spins = 0.5 * (felt.values[1:, 3:] + felt.values[:-1, 3:])
+    reckoned = Slerp(time, _products(Rotation.from_rotvec(spins * steps[:, np.newaxis])))
+    # Windows between gaps of the IMU, of which a gap of the pose lengthens none.
+    gaps = np.flatnonzero(steps > max(_TORN * np.median(steps), _BURST))
+    begins, ends = np.append(time[gaps], time[-1]), np.append(0.0, time[gaps + 1])
+    first = np.arange(np.searchsorted(at, at[-1] - _WINDOW))
+    last = np.searchsorted(at, at[first] + _WINDOW)
+    most = _FAR + _NEAR
+    known = begins.searchsorted(at[last] + most) < ends.searchsorted(at[first] - most, "right")
+    known &= at[last] - at[first] < 1.5 * _WINDOW
+    first, last = first[known], last[known]
+    if len(first) < _LEAST_READINGS:
+        return 0.0, np.inf
+    turns = turned[first].inv() * turned[last]
+    middle = Rotation.from_rotvec(0.5 * turns.as_rotvec())
+
+    def missed(delay: float) -> Array:
+        """What turns differ by, in axes halfway, in which a bias stays the same."""
+        begin, end = reckoned(at[first] - delay), reckoned(at[last] - delay)
+        differences: Array = middle.apply(((begin.inv() * end).inv() * turns).as_rotvec())
+        return differences - differences.mean(axis=0)
+
+    delay = min(_TRIED, key=lambda tried: float(np.sum(missed(tried) ** 2)))
+    for _ in range(_STEPS):
+        slope = (missed(delay - _NEAR) - missed(delay + _NEAR)) / (2.0 * _NEAR)
+        worth = float(np.sum(slope**2)) or 1.0
+        delay = float(np.clip(delay + np.sum(slope * missed(delay)) / worth, -_FAR, _FAR))
+    rest = missed(delay)
+    if abs(delay) == _FAR or rest.var() >= _UNLIKE * turns.as_rotvec().var(axis=0).mean():
+        return 0.0, np.inf
+    # Sums over parts tell the variance with correlations; where parts are few, too small a one.
+    sums = np.append(0.0, np.cumsum(np.sum(slope * rest, axis=1)))
+    length = min(round(_CORRELATED / float(np.mean(np.diff(at)))), len(first) // 4)
+    variance = np.mean((sums[length:] - sums[:-length]) ** 2) * len(first) / length
+    return delay, float(np.sqrt(max(variance, worth * np.mean(rest**2))) / worth)
+
+
+def _products(turns: Rotation) -> Rotation:
+    """Of rotations the products of the first 0, 1, 2, …, each in axes that those before turned."""
+    products, count = Rotation.concatenate([Rotation.identity(), turns]), 1
+    while count < len(products):
+        products = Rotation.concatenate([products[:count], products[:-count] * products[count:]])
+        count *= 2
+    return products
 
 
 def _filled(series: Array) -> Array:
@@ -399,10 +440,7 @@ def _reckoned_by_imu(
             )
     axes = mounts[frame][:3, :3]
     force, spin = np.split(_filled(recording.imus[frame]), 2, axis=1) @ axes.T
-    attitudes = [Rotation.identity()]
-    for step in Rotation.from_rotvec(recording.step * spin[:-1]):
-        attitudes.append(attitudes[-1] * step)
-    turned = Rotation.concatenate(attitudes)
+    turned = _products(Rotation.from_rotvec(recording.step * spin[:-1]))
     slow = butter(1, _SWAY, fs=1 / recording.step, output="sos")
     up = sosfiltfilt(slow, turned.apply(force), axis=0)
     cosine = np.linalg.norm(up, axis=1) + up[:, 2]

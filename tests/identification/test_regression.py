@@ -144,7 +144,7 @@ def test_a_log_tells_the_pose_that_a_sensor_reads_and_what_flew(
         rest = f"not written to the tables: readings barometer_altitude, {sensor}_pos"
         assert rest in caplog.text
     assert words in caplog.text
-    lags = [float(lag) for lag in re.findall(r"lags the IMU by (\S+) s", caplog.text)]
+    lags = [float(lag) for lag in re.findall(r"lags the IMU at base by (\S+) ±", caplog.text)]
     assert lags == pytest.approx([keys["delay"]] if "delay" in keys else [], abs=5e-4)
     assert ("no sensor reads the attitude; taken without" in caplog.text) == (sensor == "gps")
     rows = np.isfinite(told.q[:, 0])
