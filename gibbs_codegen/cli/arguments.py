@@ -394,7 +394,7 @@ def _identify(parser: Parser) -> None:
         *("--free", "PATTERN"),
         "parameters to estimate, such as forearm_mass or '*_com_?'; rotors.drag is one number "
         "for all rotors, payload.LINK a load on a link; may be repeated (default: all but "
-        "lengths and places of frames)",
+        "lengths, places of frames and armatures)",
         action="append",
         default=[],
     )

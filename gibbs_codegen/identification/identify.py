@@ -138,7 +138,8 @@ def identify(
         logs: One or more, each a `Flight`, a `Recording`, a path that `simulate` wrote, or a log
             that `read_log` reads.
         free: Patterns of names of parameters, such as `forearm_mass` or `*_com_?`; `rotors.drag` is
-            a number of all rotors alike. By default all but lengths and places of frames.
+            a number of all rotors alike. By default all but lengths, places of frames and
+            armatures.
         prior: Standard deviation of the robot file's numbers, as a share; or by patterns of names,
             of which the last one counts, such as `{"*": 0.5, "base_mass": 0.01}`. Those of a load
             have a wide one of their own.
