@@ -123,8 +123,10 @@ def by_notebook(heaves: Part, leans: Sequence[Part]) -> None:
     for begin in ([lag], [lag, 0.01]):
         best = np.abs(minimize(lambda x: fitted(x)[1], begin, method="Nelder-Mead", tol=1e-4).x)
         inertias, share = fitted(best)
-        words = " and ".join(f"{1e3 * x:.1f} ms" for x in best)
-        rows[f"up to 10 Hz, lag and delay {words}, unexplained {share:.1%}"] = inertias
+        words = ", ".join(
+            f"{n} {1e3 * x:.1f} ms" for n, x in zip(("lag", "delay"), best, strict=False)
+        )
+        rows[f"up to 10 Hz, {words}, unexplained {share:.1%}"] = inertias
     print(f"lag by thrusts {lag:.4f} s; moments of inertia about x and y, kg m²")
     for name, values in rows.items():
         print(f"{name}: {values[0]:.3e}, {values[1]:.3e}")

@@ -479,6 +479,8 @@ def _errors_ahead(smoother: Smoother, estimate: Estimate) -> dict[str, tuple[flo
     steps = round(_AHEAD / model.h / smoother.samples)
     starts = np.arange(0, len(smoother.q) - steps, max(1, steps // 2))
     starts = starts[np.array([smoother.follows[k : k + steps].all() for k in starts], dtype=bool)]
+    if not len(starts):
+        return {}
     commands = smoother.commands(0.0)[starts[:, np.newaxis] + np.arange(steps + 1)]
     commands = commands.reshape(len(starts), -1, commands.shape[-1]).swapaxes(0, 1)
     # Some series are read at samples other than the first of a state.

@@ -148,17 +148,21 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
     commands = flight.commands
     if not commands.size:
         commands = np.clip(flight.commanded, *flight.input_limits)
+    if not np.isfinite(commands).any(axis=0).all():
+        raise UsageError(
+            f"{source}: has no command of some motor or servo, and forces need it; give a flight "
+            "of `simulate`, or the log itself"
+        )
     if not flight.control_rate:  # Laws that act at all times go on between samples.
         commands = np.concatenate([0.5 * (commands[1:] + commands[:-1]), commands[-1:]])
     sensor, *placed = _placed(flight, vehicle)
     q, read = flight.q.copy(), [f"{name}_" for name in imus(flight)]
     read += [f"{sensor}_{what}_" for what in ("position", "x_axis", "y_axis") if sensor]
-    encoders = {
-        place: k
-        for place, name in enumerate(flight.coordinates)
-        for k, reading in enumerate(flight.sensor_names)
-        if flight.sensor_frames[k] == "" and reading.endswith(f"_{name}")
-    }
+    encoders = dict[int, int]()
+    for k, reading in enumerate(flight.sensor_names):
+        ends = [name for name in flight.coordinates if reading.endswith(f"_{name}")]
+        if ends and flight.sensor_frames[k] == "":  # Of the joints "arm" and "fore_arm" the latter.
+            encoders[flight.coordinates.index(max(ends, key=len))] = k
     if encoders:
         q[:, [*encoders]] = _new(flight.sensors[:, [*encoders.values()]])
         read += [flight.sensor_names[k] for k in encoders.values()]
@@ -179,7 +183,11 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
     felt = {frame: known(values) for frame, values in imus(flight).values()}
     position, attitude = map(known, placed)
     log = Recorded(position, attitude, None, None, joints, {}, {}, (), felt, sent)
-    recording = recordings_of(vehicle, log, source)[0]
+    if not (recordings := recordings_of(vehicle, log, source)):
+        raise UsageError(
+            f"{source}: no part of it has {_LEAST} samples; sample it more often, or fly for longer"
+        )
+    recording = recordings[0]
     if flight.control_rate:  # What a sampled law commands first acts on no reading at the start.
         for values in recording.imus.values():
             values[0] = np.nan
@@ -387,7 +395,7 @@ def _delay(pose: Samples, felt: Samples) -> tuple[float, float]:
         return 0.0, np.inf
     # Sums over parts tell the variance with correlations; where parts are few, too small a one.
     sums = np.append(0.0, np.cumsum(np.sum(slope * rest, axis=1)))
-    length = min(round(_CORRELATED / float(np.mean(np.diff(at)))), len(first) // 4)
+    length = min(round(_CORRELATED / float(np.median(np.diff(at)))), len(first) // 4)
     variance = np.mean((sums[length:] - sums[:-length]) ** 2) * len(first) / length
     return delay, float(np.sqrt(max(variance, worth * np.mean(rest**2))) / worth)
 
@@ -473,21 +481,24 @@ def _new(values: Array) -> Array:
 def without_spikes(recording: Recording) -> Recording:
     """A recording without entries of IMUs that are far from those before and after, which agree.
 
-    At the ends these are the two nearest. Weights of outliers alone would not do: a fit explains
-    one reading that is a hundred deviations off by numbers that nothing else shows well.
+    Those are the four nearest, which differ at the top of a smooth peak by more than it stands out.
+    Weights of outliers alone would not do: a fit explains one reading that is a hundred deviations
+    off by numbers that nothing else shows well.
     """
     count, imus = 0, {frame: values.copy() for frame, values in recording.imus.items()}
     for values in imus.values():
         for column, size in zip(values.T, _felt_deviations(values), strict=True):
             known = np.flatnonzero(np.isfinite(column))
             x = column[known]
-            if len(x) < 3:
+            if len(x) < 5:
                 continue
-            middle = np.clip(np.arange(len(x)), 1, len(x) - 2)
-            nearest = np.stack([middle - 1, middle, middle + 1], axis=1)
-            others = x[nearest[nearest != np.arange(len(x))[:, np.newaxis]].reshape(-1, 2)]
-            away = np.abs(others - x[:, np.newaxis]).min(axis=1)
-            spikes = away > np.maximum(_SPIKE * size, 4.0 * np.abs(np.diff(others)[:, 0]))
+            here = np.arange(len(x))[:, np.newaxis]
+            nearest = np.clip(here, 2, len(x) - 3) + np.arange(-2, 3)
+            others = x[nearest[nearest != here].reshape(-1, 4)]
+            changes = np.abs(np.diff(others)).max(axis=1)
+            away = np.abs(x[np.clip(here + np.array([-1, 1]), 0, len(x) - 1)] - x[here])
+            away[[0, -1]] = away[[0, -1]].max(axis=1, keepdims=True)
+            spikes = away.min(axis=1) > np.maximum(_SPIKE * size, 2.0 * changes)
             column[known[spikes]] = np.nan
             count += int(spikes.sum())
     if count:

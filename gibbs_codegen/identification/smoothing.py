@@ -28,6 +28,7 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 from threadpoolctl import threadpool_limits
 
+from gibbs_codegen.flight.plant.actuators import has_battery
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.identification.model import MachineNumbers, Model
 from gibbs_codegen.identification.recorded import DELAY, Readings, delayed
@@ -136,7 +137,9 @@ class Smoother:
             for name, series in zip("qvx", firsts, strict=True)
         }
         self.first["pull"] = np.zeros((len(self.q), model.pulls))
-        self._at_first = 1.0 / np.maximum(np.std(self.first["x"], axis=0), _RESTING)
+        # Nobody knows how far a battery is charged, nor so what its throttles give.
+        least = 1.0 if has_battery(model.vehicle) else _RESTING
+        self._at_first = 1.0 / np.maximum(np.std(self.first["x"], axis=0), least)
 
     def start(self) -> Estimate:
         """The numbers of the robot file, and the motion by filtered readings."""

@@ -202,6 +202,9 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         turned *= Rotation.from_matrix(mounted[frame][:3, :3]).inv()
         attitude = turned.as_quat() + unknown
         position = position - turned.apply(mounted[frame][:3, 3])
+    elif frame != BASE:
+        words = "%s: poses of %s, which is no frame of %s, are taken as those of the base"
+        _log.warning(words, printable(path), printable(frame), vehicle.name)
     velocity = spin = None
     if poses and hasattr(poses[0][1], "twist"):
         twists = [message.twist.twist for _, message in poses]

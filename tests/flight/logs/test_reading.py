@@ -152,7 +152,6 @@ def test_a_ulog_of_topics_at_other_times(fast: Modules, tmp_path: Path) -> None:
     np.testing.assert_allclose(standing.time, 0.01 * np.arange(len(standing.time)), atol=1e-12)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("pulses", "still"), [(900.0, ", which never change: nothing flew"), (0, "")]
 )
@@ -173,6 +172,7 @@ def test_pulses_of_outputs_are_no_commands(
     assert caplog.messages == [words + still]
 
 
+@pytest.mark.slow
 def test_a_cutoff_takes_what_is_fast_and_delays_nothing(shipped: Modules, tmp_path: Path) -> None:
     time = np.arange(4000) / 1000.0
     slow, fast = (np.sin(2.0 * np.pi * f * time) for f in (1.0, 100.0))
