@@ -38,8 +38,9 @@ from gibbs_codegen.identification.unknowns import Unknowns
 _OF_Q, _OF_V, _OF_X = 3e-5, 5e-4, 3e-4
 # Of biases of IMUs, m/s² and rad/s, and of the drag, by the mass, 1/s.
 _BIASES, _DRAG = (0.3, 0.05), 1.0
-# The least deviation of actuators at first, in their units; else that of where commands hold them.
-_RESTING = 1e-2
+# The least deviation of actuators at first, in their units, else that of where commands hold them;
+# and that of the charge of a battery, a share.
+_RESTING, _CHARGE = 1e-2, 0.5
 # Time, s, in which the wind's pull decays, its deviation at first, m/s², and the least.
 _WIND_TIME, _WIND, _CALM = 1.0, 0.3, 0.01
 # Readings that are off by more of their deviations weigh less (Huber).
@@ -137,9 +138,9 @@ class Smoother:
             for name, series in zip("qvx", firsts, strict=True)
         }
         self.first["pull"] = np.zeros((len(self.q), model.pulls))
-        # Nobody knows how far a battery is charged, nor so what its throttles give.
-        least = 1.0 if has_battery(model.vehicle) else _RESTING
-        self._at_first = 1.0 / np.maximum(np.std(self.first["x"], axis=0), least)
+        self._at_first = 1.0 / np.maximum(np.std(self.first["x"], axis=0), _RESTING)
+        if has_battery(model.vehicle):  # Nobody knows how far it is charged.
+            self._at_first[-1] = 1.0 / _CHARGE
 
     def start(self) -> Estimate:
         """The numbers of the robot file, and the motion by filtered readings."""
