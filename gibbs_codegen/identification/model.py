@@ -27,7 +27,7 @@ from gibbs_codegen.runtime.loaded_module import gravity_of
 from gibbs_codegen.runtime.program_blocks import BlockProgram, compile_program
 
 # The longest substep, s, the shortest, and how many times the shortest time constant it may be.
-_LONGEST, _SHORTEST, _COVERED = 2.5e-3, 1.25e-3, 0.6
+_LONGEST, _SHORTEST, _COVERED = 2.5e-3, 1.7e-3, 0.6
 # Changes of q, v and actuators, SI units, by which rates are known: friction is steep about rest.
 _CHANGES = 1e-3, 1.0, 1e-3
 _NEXT = "q_next", "v_next", "x_next"
