@@ -127,14 +127,16 @@ class Model:
         }
         calm = {"command": command, "pull": np.zeros(self.pulls), "drag": 0.0}
         scale = {"scale": np.zeros(self.pulls)}
-        out = evaluate(rates, {**state, **calm, **scale}, {"robot": module})
+        with np.errstate(all="ignore"):
+            out = evaluate(rates, {**state, **calm, **scale}, {"robot": module})
         # What depends on no state has no axis of states.
         parts = (
             np.broadcast_to(out[name], (len(v), out[name].shape[-1])) for name in rates.outputs
         )
         changes = np.concatenate([v, *parts], axis=1)
         slopes = (changes[: len(sizes)] - changes[len(sizes) :]) / (2.0 * sizes[:, np.newaxis])
-        return float(np.abs(np.linalg.eigvals(slopes)).max())
+        # A curve may have no slope where a motor stands still.
+        return float(np.abs(np.linalg.eigvals(np.nan_to_num(slopes, posinf=0.0, neginf=0.0))).max())
 
     def machine(self, parameters: Mapping[str, float]) -> MachineNumbers:
         """What steps are given of a machine, by parameters that differ from the robot file."""

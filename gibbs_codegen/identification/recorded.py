@@ -45,7 +45,7 @@ DELAY = 0.02
 # deviations of that pose, which say next to nothing, m and rad.
 _CUTOFF, _SWAY = 12.0, 0.1
 _ANYWHERE, _ANYHOW = 100.0, 3.0
-# Deviations from which on a reading that is unlike its neighbours is none.
+# By how many deviations a reading is off its neighbours to be left out.
 _SPIKE = 12.0
 # Third differences of white noise have so many times its variance; the deviation by the median.
 _THIRD, _BY_MEDIAN = 20.0, 1.4826
@@ -55,9 +55,10 @@ _GAP = 0.2
 # over which turns are compared, and their differences correlated, s; what share may differ.
 _TRIED, _FAR, _NEAR, _STEPS = np.linspace(-0.2, 0.2, 15).tolist(), 0.21, 0.01, 4
 _WINDOW, _CORRELATED, _UNLIKE = 0.3, 1.0, 0.5
-# Deviation of a delay, s, that tells none; deviations, and s, above which it is corrected.
+# A delay with a greater deviation than the first, s, is unknown. It is corrected if it is greater
+# than so many deviations, and than the last, s.
 _VAGUE, _SURE, _BRIEF = 2e-3, 3.0, 5e-4
-# From so many usual steps and s on a gap tells nothing of delays; logs may come in bursts.
+# Delays are not looked for in gaps above so many usual steps and s; logs may come in bursts.
 _TORN, _BURST = 3.0, 0.05
 # Time from command to command, s, that tells little of motors.
 _SELDOM = 0.03
@@ -188,7 +189,7 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
             f"{source}: no part of it has {_LEAST} samples; sample it more often, or fly for longer"
         )
     recording = recordings[0]
-    if flight.control_rate:  # What a sampled law commands first acts on no reading at the start.
+    if flight.control_rate:  # The first reading is taken before the first command.
         for values in recording.imus.values():
             values[0] = np.nan
     return recording
@@ -341,7 +342,7 @@ def _take_back_delay(series: dict[Any, Samples], source: str) -> None:
     if deviation > _VAGUE:
         words = (
             "%s: turns too little, or unlike its IMU, to tell whether the pose lags the IMU at "
-            "base; none is assumed to; turn it to and fro quickly, and compare the axes of both"
+            "base; no delay is assumed; turn it to and fro quickly, and compare the axes of both"
         )
         _log.warning(words, source)
     elif abs(delay) > max(_SURE * deviation, _BRIEF):

@@ -241,7 +241,7 @@ class Smoother:
         begins = np.append(self._at_first, 1.0 / estimate.wind)
         off = np.append(estimate.state["x"] - self.first["x"], estimate.state["pull"], axis=1)
         off, unsure = begins**2 * (1.0 - reached) * off, range(n - len(begins), n)
-        with threadpool_limits(1, "blas"):  # Its threads wait for work, on cores that these need.
+        with threadpool_limits(1, "blas"):  # Its idle threads would keep cores from this pool.
             # While this thread eliminates the states of a chunk, others compute the next ones.
             parts = self._pool.map(lambda rows: self._part(estimate, free, residuals, rows), chunks)
             for rows, (squares, products, after, square_sums) in zip(chunks, parts, strict=True):

@@ -168,7 +168,7 @@ def test_what_cannot_be_told_of_delays_and_commands_is_said(vehicle, caplog) -> 
     recorded(vehicle, attitude=still, commands=sent)
     assert caplog.messages == [
         "flown: turns too little, or unlike its IMU, to tell whether the pose lags the IMU at "
-        "base; none is assumed to; turn it to and fro quickly, and compare the axes of both",
+        "base; no delay is assumed; turn it to and fro quickly, and compare the axes of both",
         "flown: commands are logged 10 times a second, too rarely for lags and quick motion",
     ]
 

@@ -39,7 +39,7 @@ _LONG_REST = 3600 * 10**9
 _GREATEST = {"position": 1e8, "attitude": 2.0, "velocity": 1e4, "spin": 1e4}
 _GREATEST |= {"q": 1e8, "v": 1e4, "u": 1e8, "imu": 1e5}
 _GREATEST_ACCELERATION = 1e8
-# Time, s, at the ends of a log, of which a warning tells that something is not known there.
+# A warning names what shortens a log by more than this, s.
 _LOST = 1.0
 # Share of a step by which the last sample may be late.
 _SAME_STEP = 1e-6
