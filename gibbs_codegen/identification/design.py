@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import logging
 import os
+import threading
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,13 +25,14 @@ from gibbs_codegen.errors import GibbsCodegenError, ScenarioFileError, UsageErro
 from gibbs_codegen.files.shipped import text_of
 from gibbs_codegen.files.staging import new_place
 from gibbs_codegen.files.toml import merged, nested
+from gibbs_codegen.flight.desired.trajectory import base_path
 from gibbs_codegen.flight.plant.allocation import commands_all
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import flight_start, simulate
 from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.identification.identify import Progress, identifiable, imus_of, model_of, unseen
 from gibbs_codegen.identification.model import Model
-from gibbs_codegen.identification.recorded import Readings, recording_of
+from gibbs_codegen.identification.recorded import Readings, flight_recordings
 from gibbs_codegen.identification.report import as_text
 from gibbs_codegen.identification.smoothing import Smoother
 from gibbs_codegen.identification.unknowns import PRIOR, Prior, Unknowns
@@ -59,7 +61,7 @@ _PEAK = 1.875
 # Angle, degrees, and lean of the axis of the greatest turn.
 _ANGLE, _LEAN = 180.0, 0.5
 # Of a search: the first step, shares of one after success and failure; halvings of a start.
-_STEP, _LONGER, _SHORTER, _HALVINGS = 0.25, 1.5, 0.8, 4
+_STEP, _LONGER, _SHORTER, _HALVINGS = 0.25, 1.5, 0.8, 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,13 +183,14 @@ class _Experiment:
     ) -> None:
         self.module, self.unknowns, self._tables, self._room = module, unknowns, tables, room
         start = flight_start(module, read_scenario(tables), lambda what, share: None, False)
-        vehicle, actuators, base = start.loop.vehicle, start.loop.actuators, start.scenario.base
+        vehicle, actuators = start.loop.vehicle, start.loop.actuators
+        flies, base = vehicle.layout.moves_freely, start.scenario.base
         duration, self._begin = start.scenario.duration, start.q[vehicle.arm]
         count = max(1, round((duration - 2 * _REST) / _PIECE) - 1)
         self._times = np.linspace(_REST, duration - _REST, count + 2).round(2)
-        self._at = np.zeros(3) if base is None else base(0.0)[0]
+        self._at = base_path(vehicle, start.scenario)(0.0)[0]
         moving = [axis for axis, name in enumerate("xyz") if name in module.COORDINATES]
-        self._axes = moving if base is not None else []
+        self._axes = moving if flies or base is not None else []
         self._joints = [k for k in range(vehicle.joints) if actuators.efforts[k] > 0.0]
         self._names, self._rates = vehicle.joint_names, actuators.velocities
         self._revolute = [unit == "rad" for unit in module.COORDINATE_UNITS[vehicle.arm]]
@@ -196,7 +199,7 @@ class _Experiment:
         self._ways = np.where(np.isfinite(ends), ends, [-far, far])
         # A base that leans turns about the vertical alone.
         full = bool(vehicle.rotors) and commands_all(vehicle, start.q)
-        self._turns = 3 * (vehicle.layout.moves_freely and duration > 2 * _TURN)
+        self._turns = 3 * (flies and duration > 2 * _TURN)
         self._lean = _LEAN * full
         self._count = count
         self._model: Model | None = None
@@ -251,11 +254,17 @@ class _Experiment:
         if flight.stopped:
             raise UsageError(f"{self.module.NAME}: {flight.stopped}")
         least, most = flight.input_limits
-        span = np.where(np.isfinite(most - least), most - least, 0.0)
+        span = np.where(np.isfinite(most - least), most - least, np.inf)
         room = np.minimum(flight.commanded - least, most - flight.commanded)
-        if np.any(room < (1.0 - _USED) * span):
-            raise UsageError(f"{self.module.NAME}: its inputs reach their limits")
-        recording = recording_of(flight, self.module, flight.scenario)
+        room = np.where(np.isfinite(room), room / span, 1.0)
+        sample, place = np.unravel_index(np.argmin(room), room.shape)
+        if room[sample, place] < 1.0 - _USED:
+            raise UsageError(
+                f"{self.module.NAME}: even a small motion leaves {self.module.INPUTS[place]}, of "
+                f"{least[place]:.4g} to {most[place]:.4g}, less than {1.0 - _USED:.0%} of its range "
+                f"at {flight.time[sample]:.3g} s; give a posture or path that needs less (--scenario)"
+            )
+        recording = flight_recordings(flight, self.module, flight.scenario)[0]
         frames = imus_of(self.module, recording)
         self._model = self._model or model_of(self.module, [recording])
         smoother = Smoother(self._model, self.unknowns, [Readings(recording, self.module, frames)])
@@ -280,14 +289,19 @@ class _Experiment:
 
     def spread(self, x: Array) -> float:
         """The mean of variances of unknowns in units of the prior; infinite beyond limits."""
-        level = _log.level
-        _log.setLevel(logging.ERROR)  # What readings of a motion lack is told of the best one.
+        thread = threading.get_ident()
+
+        def loud(record: logging.LogRecord) -> bool:
+            """What readings of a motion lack is told of the best one."""
+            return record.thread != thread or record.levelno >= logging.ERROR
+
+        _log.addFilter(loud)
         try:
             covariance = self.covariance(x)
         except GibbsCodegenError:
             return np.inf
         finally:
-            _log.setLevel(level)
+            _log.removeFilter(loud)
         prior = self.unknowns.prior
         return float(np.mean(np.diag(covariance)[: len(prior)] / prior**2))
 

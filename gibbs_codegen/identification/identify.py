@@ -23,9 +23,9 @@ from gibbs_codegen.identification.recorded import (
     Recording,
     cut,
     felt_names,
+    flight_recordings,
     input_noise,
     part_of,
-    recording_of,
     recordings_of,
     without_spikes,
 )
@@ -271,10 +271,10 @@ def _recordings(log: Log, module: ModuleType, names: Mapping[str, str | float]) 
     if isinstance(log, Recording):
         return [log]
     if isinstance(log, Flight):
-        return [recording_of(log, module, log.scenario)]
+        return flight_recordings(log, module, log.scenario)
     source = printable(Path(log).name)
     if flight_file(log) is not None:
-        return [recording_of(read_flight(log), module, source)]
+        return flight_recordings(read_flight(log), module, source)
     vehicle = Vehicle(module)
     return recordings_of(vehicle, recorded_of(vehicle, log, names), source)
 

@@ -47,6 +47,7 @@ class Model:
     base that moves freely it is that of the wind (3), m/s², world axes: times the whole mass it is
     a force at the base. As a force it would draw masses down, since it is in what accelerometers
     tell. `drag`, N s/m, brakes such a base. Of others it is what inputs (nu) err by, over `noise`.
+    Steps are made of substeps, as short as its `fastest` rate, 1/s, wants.
     """
 
     def __init__(self, module: ModuleType, h: float, imus: Sequence[int], noise: Array) -> None:
@@ -97,8 +98,8 @@ class Model:
         outputs = dict(zip((*_NEXT, "a"), (*results, change.a), strict=True))
         part = Program("substep", inputs, outputs)
         derivatives = {"a": change.a, "actuators": change.actuators}
-        fastest = self._fastest(Program("rates", inputs[:-1], derivatives))
-        substep = np.clip(_COVERED / max(fastest, 1.0), _SHORTEST, _LONGEST)
+        self.fastest = self._fastest(Program("rates", inputs[:-1], derivatives))
+        substep = np.clip(_COVERED / max(self.fastest, 1.0), _SHORTEST, _LONGEST)
         parts = self._parts = math.ceil(h / substep - 1e-3)
         substeps = [dict(zip(_NEXT, (q, v, x), strict=True))]
         for _ in range(parts):

@@ -6,7 +6,7 @@ import logging
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from types import ModuleType
 from typing import Any
 
@@ -23,6 +23,8 @@ from gibbs_codegen.flight.logs.reading import (
     Samples,
     cleaned,
     common_time,
+    listed,
+    listed_gaps,
     motion_of,
     tell_gaps,
     title,
@@ -49,6 +51,8 @@ _ANYWHERE, _ANYHOW = 100.0, 3.0
 _SPIKE = 12.0
 # Third differences of white noise have so many times its variance; the deviation by the median.
 _THIRD, _BY_MEDIAN = 20.0, 1.4826
+# Of runs of equal readings the share of the shortest, if a sensor reads something else each time.
+_MOSTLY = 0.8
 # Commands that are late by more, s, are unknown.
 _GAP = 0.2
 # Delays that are tried, and the greatest, s; steps by Gauss and Newton, s and their number; time
@@ -121,17 +125,18 @@ def part_of(recording: Recording, rows: slice) -> Recording:
 
 def cut(recording: Recording, parts: Sequence[slice]) -> list[Recording]:
     """Parts of a recording; a warning of the logger tells which are too short to tell anything."""
-    lengths = [part.stop - part.start for part in parts]
-    for part, length in zip(parts, lengths, strict=True):
-        if 0 < length < _LEAST:
-            words = "%s: %d samples from %.4g s on are left out, because a part needs at least %d"
-            _log.warning(words, recording.source, length, recording.time[part.start], _LEAST)
-    rows = zip(parts, lengths, strict=True)
-    return [part_of(recording, part) for part, length in rows if length >= _LEAST]
+    if short := [part for part in parts if 0 < part.stop - part.start < _LEAST]:
+        words = "%s: %d samples from %s s on are left out, because a part needs at least %d"
+        begins = listed([f"{recording.time[part.start]:.4g}" for part in short])
+        count = sum(part.stop - part.start for part in short)
+        _log.warning(words, recording.source, count, begins, _LEAST)
+    return [part_of(recording, part) for part in parts if part.stop - part.start >= _LEAST]
 
 
-def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
+def flight_recordings(flight: Flight, module: ModuleType, source: str) -> list[Recording]:
     """What a flight tells: its IMUs and encoders, and coordinates that no encoder reads.
+
+    Parts, where commands have gaps.
 
     Raises `UsageError` where it is not of the robot, or constraints hold.
     """
@@ -159,17 +164,18 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
     sensor, *placed = _placed(flight, vehicle)
     q, read = flight.q.copy(), [f"{name}_" for name in imus(flight)]
     read += [f"{sensor}_{what}_" for what in ("position", "x_axis", "y_axis") if sensor]
-    encoders = dict[int, int]()
+    encoders = defaultdict[str, dict[int, int]](dict)
     for k, reading in enumerate(flight.sensor_names):
         ends = [name for name in flight.coordinates if reading.endswith(f"_{name}")]
-        if ends and flight.sensor_frames[k] == "":  # Of the joints "arm" and "fore_arm" the latter.
-            encoders[flight.coordinates.index(max(ends, key=len))] = k
-    if encoders:
-        q[:, [*encoders]] = _new(flight.sensors[:, [*encoders.values()]])
-        read += [flight.sensor_names[k] for k in encoders.values()]
+        if ends and flight.sensor_frames[k] == "":
+            joint = max(ends, key=len)  # Of the joints "arm" and "fore_arm" the latter.
+            encoders[reading.removesuffix(joint)][flight.coordinates.index(joint)] = k
+    for places in encoders.values():
+        q[:, [*places]] = fresh_readings(flight.sensors[:, [*places.values()]])
+        read += [flight.sensor_names[k] for k in places.values()]
     posed = not vehicle.layout.q.base or f"{sensor}_x_axis_x" in flight.sensor_names
     exact = ["attitude" if sensor else "pose"] * (not posed)
-    if exact := exact + ["joints"] * (len(encoders) < vehicle.joints):
+    if exact := exact + ["joints"] * (len({*chain(*encoders.values())}) < vehicle.joints):
         words = "%s: no sensor reads the %s; taken without noise, which a `Recording` can leave out"
         _log.warning(words, source, " and ".join(exact))
     if rest := unread(flight, read):
@@ -188,11 +194,10 @@ def recording_of(flight: Flight, module: ModuleType, source: str) -> Recording:
         raise UsageError(
             f"{source}: no part of it has {_LEAST} samples; sample it more often, or fly for longer"
         )
-    recording = recordings[0]
     if flight.control_rate:  # The first reading is taken before the first command.
-        for values in recording.imus.values():
+        for values in recordings[0].imus.values():
             values[0] = np.nan
-    return recording
+    return recordings
 
 
 def _placed(flight: Flight, vehicle: Vehicle) -> tuple[str, Array, Array]:
@@ -213,7 +218,7 @@ def _placed(flight: Flight, vehicle: Vehicle) -> tuple[str, Array, Array]:
         attitude *= Rotation.from_matrix(mounted[:3, :3]).inv()
         turned = np.where(known, attitude.as_quat(), np.nan)
     else:
-        position, turned = _new(position), base.quaternion
+        position, turned = fresh_readings(position), base.quaternion
     return name, position - attitude.apply(mounted[:3, 3]), turned
 
 
@@ -246,9 +251,9 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
             "series (--name), or give a log that has it"
         )
     for name in [name for name in series if name[0] not in "qu"]:
-        fresh = np.isfinite(_new(series[name].values)[:, 0])
+        fresh = np.isfinite(fresh_readings(series[name].values)[:, 0])
         series[name] = series[name].rows(fresh | (np.arange(len(fresh)) == len(fresh) - 1))
-    _take_back_delay(series, source)
+    _take_back_delay(series, vehicle, source)
     spacing = {name: float(np.median(np.diff(s.time))) * 1e-9 for name, s in series.items()}
     rates = ", ".join(f"{title(name)} {1.0 / x:.4g}" for name, x in spacing.items())
     _log.info("%s: samples a second: %s", source, rates)
@@ -286,10 +291,11 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
             if gap[1] - gap[0] > _GAP * 1e9:
                 gaps[gap].append(name)
     parts, first = list[slice](), 0
-    for (last, again), names in sorted(gaps.items()):
-        words = "%s: commands of %s are not known for %.3g s after %.6g s; the log is cut there"
-        seconds = (again - last) * 1e-9, (last - begin) * 1e-9
-        _log.warning(words, source, ", ".join(names), *seconds)
+    if gaps:
+        names = ", ".join(dict.fromkeys(chain(*gaps.values())))
+        words = "%s: commands of %s are not known for %s; the log is cut there"
+        _log.warning(words, source, names, listed_gaps(np.array(sorted(gaps)) - begin))
+    for last, again in sorted(gaps):
         parts.append(slice(first, int(np.searchsorted(grid, last))))
         first = max(first, int(np.searchsorted(grid, again)))
     whole = Recording(time, commands, q, felt, source)
@@ -334,37 +340,42 @@ def _held(samples: Samples, begin: Any, length: int) -> Array:
     return means
 
 
-def _take_back_delay(series: dict[Any, Samples], source: str) -> None:
-    """Take back how much later the pose is than the IMU at the base, or that, by how they turn."""
-    if not series.keys() >= {"attitude", ("imu", "base")}:
-        return
-    delay, deviation = _delay(series["attitude"], series["imu", "base"])
-    if deviation > _VAGUE:
-        words = (
-            "%s: turns too little, or unlike its IMU, to tell whether the pose lags the IMU at "
-            "base; no delay is assumed; turn it to and fro quickly, and compare the axes of both"
-        )
-        _log.warning(words, source)
-    elif abs(delay) > max(_SURE * deviation, _BRIEF):
-        # The later of both is late, for nothing is read ahead of time.
-        pose_late = delay > 0.0
-        late = "the pose lags the IMU at base" if pose_late else "the IMU at base lags the pose"
-        words = "%s: %s by %.4f ± %.1g s, which is corrected"
-        _log.warning(words, source, late, abs(delay), deviation)
-        for name in ("position", "attitude") if pose_late else [("imu", "base")]:
-            samples = series[name]
-            series[name] = samples._replace(time=samples.time - round(abs(delay) * 1e9))
+def _take_back_delay(series: dict[Any, Samples], vehicle: Vehicle, source: str) -> None:
+    """Take back how much later the pose is than IMUs on the base, or these, by how they turn."""
+    felt = [name for name in series if name[0] == "imu"]
+    mounts = on_base(vehicle) if felt and "attitude" in series else {}
+    for name in felt:
+        if (frame := name[1]) not in mounts:
+            continue
+        samples = series[name]
+        spins = samples.values[:, 3:] @ mounts[frame][:3, :3].T
+        delay, deviation = _delay(series["attitude"], samples._replace(values=spins))
+        if deviation > _VAGUE:
+            words = (
+                "%s: turns too little, or unlike its IMU, to tell whether the pose lags the IMU at "
+                "%s; no delay is assumed; turn it to and fro quickly, and compare the axes of both"
+            )
+            _log.warning(words, source, frame)
+        elif abs(delay) > max(_SURE * deviation, _BRIEF):
+            # The later of both is late, for nothing is read ahead of time.
+            pose_late = delay > 0.0
+            late = "the pose lags the IMU at %s" if pose_late else "the IMU at %s lags the pose"
+            words = f"%s: {late} by %.4f ± %.1g s, which is corrected"
+            _log.warning(words, source, frame, abs(delay), deviation)
+            for other in ("position", "attitude") if pose_late else [name]:
+                later = series[other]
+                series[other] = later._replace(time=later.time - round(abs(delay) * 1e9))
 
 
 def _delay(pose: Samples, felt: Samples) -> tuple[float, float]:
-    """By how much attitudes are later than an IMU with their axes, and its deviation, s.
+    """By how much attitudes are later than rates of turn, in their axes, and its deviation, s.
 
     Turns over windows are those that the gyroscope integrates to, but for its bias, with noise that
     is correlated for a while. The deviation is infinite where they differ too much.
     """
     time, at = (1e-9 * (samples.time - felt.time[0]) for samples in (felt, pose))
     steps, turned = np.diff(time), Rotation.from_quat(pose.values)
-    spins = 0.5 * (felt.values[1:, 3:] + felt.values[:-1, 3:])
+    spins = 0.5 * (felt.values[1:] + felt.values[:-1])
     reckoned = Slerp(time, _products(Rotation.from_rotvec(spins * steps[:, np.newaxis])))
     # Windows between gaps of the IMU, of which a gap of the pose lengthens none.
     gaps = np.flatnonzero(steps > max(_TORN * np.median(steps), _BURST))
@@ -462,15 +473,19 @@ def _reckoned_by_imu(
     return motion_of(vehicle, arrays | joints, recording.time)[0][:, layout.q.base], spin
 
 
-def _new(values: Array) -> Array:
+def fresh_readings(values: Array) -> Array:
     """Readings (s, k), NaN where a sensor only holds the last until the next.
 
-    At rest a sensor reads the same again, as often as it reads something else in motion.
+    At rest a sensor reads the same again, as often as it reads something else in motion. A coarse
+    one may do so in motion too, from sample to sample.
     """
     same = (values[1:] == values[:-1]) | np.isnan(values[1:]) & np.isnan(values[:-1])
     changes = np.append(0, 1 + np.flatnonzero(~same.all(axis=1)))
     lengths = np.diff(changes)[1:]  # Before the first change it may have read nothing.
-    period = np.mean(lengths[lengths <= lengths.min() + 1]) if len(lengths) else 1.0
+    period = float(np.gcd.reduce(lengths)) or 1.0
+    short = lengths[lengths <= np.min(lengths, initial=len(values)) + 1]
+    if period == 1.0 and len(short) > _MOSTLY * len(lengths):
+        period = float(short.mean())
     fresh = np.full_like(values, np.nan)
     for begin, end in pairwise([*changes.tolist(), len(values)]):
         count = max(1, round((end - begin) / period))

@@ -294,6 +294,9 @@ class Smoother:
         tilt, share = np.zeros(len(steps)), len(gains) / len(rows)
         changes = self._pool.map(lambda way: np.sum(telling * (slopes(way) - at)), ways)
         tilt[: len(ways)] = share * np.array([*changes])
+        if self.model.free:
+            # Of calm air the least wind is too much, which a greater drag would make up for.
+            tilt[len(self.unknowns.names)] *= np.mean(estimate.wind > _CALM)
         return tilt / steps
 
     def _solved(

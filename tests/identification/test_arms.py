@@ -6,10 +6,12 @@ import argparse
 
 import numpy as np
 import pytest
+from support.emitted import compiled_module
 from support.machines import base, link, machine
 
-from gibbs_codegen import UsageError, generate, identify, load
+from gibbs_codegen import UsageError, generate, identify, load, parse_robot
 from gibbs_codegen.cli.identify import run as command
+from gibbs_codegen.identification.model import Model
 from gibbs_codegen.identification.recorded import Recording
 from gibbs_codegen.identification.unknowns import Unknowns
 
@@ -119,3 +121,17 @@ def test_coordinates_without_readings_are_refused(module) -> None:
     q[:, 1] = np.nan
     with pytest.raises(UsageError, match="has no readings of elbow"):
         identify(module, Recording(STEP * np.arange(300), np.zeros((300, 2)), q))
+
+
+@pytest.mark.parametrize(("stiffness", "damping"), [(40.0, 0.9), (40.0, 3.0)])
+def test_substeps_follow_the_fastest_rate_of_a_servo(stiffness: float, damping: float) -> None:
+    """The greater root of J s² + d s + k, or its size where there are two like it."""
+    pole, servo = 0.02, {"stiffness": stiffness, "damping": damping}
+    text = machine(
+        "pole",
+        base(1, [0.02, 0.02, 0.03], motion="fixed"),
+        link("arm", "z", [0, 0, 0], 1, [0, 0, 0], [pole, pole, pole], servo=servo, effort=10),
+    )
+    model = Model(compiled_module(parse_robot(text)), 5e-3, [], np.full(1, 1e-3))
+    roots = np.roots([pole, damping, stiffness])
+    assert model.fastest == pytest.approx(np.abs(roots).max(), rel=1e-3)

@@ -24,7 +24,7 @@ from gibbs_codegen.flight.logs.log import recorded_of
 from gibbs_codegen.flight.logs.reading import Samples
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
-from gibbs_codegen.identification.recorded import Recording, recording_of, recordings_of
+from gibbs_codegen.identification.recorded import Recording, flight_recordings, recordings_of
 from gibbs_codegen.identification.robot_file import with_numbers
 from gibbs_codegen.robot.file import parse_robot
 
@@ -38,6 +38,31 @@ FREE = ["base_mass", "base_inertia_??", "base_com_*", "forearm_mass", "forearm_c
 
 def waves(*terms: tuple[float, float]) -> list[dict[str, float]]:
     return [{"amplitude": amplitude, "frequency": frequency} for amplitude, frequency in terms]
+
+
+BATTERY_DRONE = """
+name = "drone"
+[base]
+attitude = "quaternion"
+mass     = 1.9
+inertia  = [0.022, 0.024, 0.042, 0, 0, 0]
+[battery]
+voltage    = [13.2, 14.8, 15.2, 16.8]
+resistance = 0.02
+capacity   = 5
+""" + "".join(
+    f"""
+[[rotor]]
+name          = "m{k}"
+position      = [{x}, {y}, 0]
+drag          = {0.016 * x * y / 0.04}
+command       = "throttle"
+full_speed    = 900
+max_thrust    = 12
+time_constant = 0.035
+"""
+    for k, (x, y) in enumerate([(0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)])
+)
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +157,7 @@ def test_what_a_log_cannot_tell_is_told(module, flight) -> None:
 
 @pytest.mark.slow  # 4 s.
 def test_outliers_and_gaps_change_little(module, flight, identified) -> None:
-    whole = recording_of(flight, module, "spoilt")
+    whole = flight_recordings(flight, module, "spoilt")[0]
     q, felt = whole.q.copy(), whole.imus["base"].copy()
     rng = np.random.default_rng(0)
     felt[rng.choice(len(felt), 20, replace=False)] += 30.0
@@ -193,7 +218,7 @@ def test_a_bag_tells_what_the_flight_does_though_its_pose_is_late(module, flight
     log = recorded_of(vehicle, tmp_path / "bag", {})
     log = log._replace(position=later(log.position), attitude=later(log.attitude))
     (part,) = recordings_of(vehicle, log, "bag")
-    direct = recording_of(flight, module, "flight")
+    direct = flight_recordings(flight, module, "flight")[0]
     rows = slice(0, len(part.time))
     assert len(part.time) > 900
     # Half a millisecond of the delay is left at most: 1 mm at 2 m/s, and a tenth of a step.
@@ -272,7 +297,9 @@ def test_more_motors_than_a_wrench_has_components_and_one_wrong_reading(tmp_path
         "sensors.imu": [{"rate": 200, "accelerometer_noise": 0.005, "gyroscope_noise": 5e-4}],
         "sensors.pose": [{"rate": 100, "position_noise": 0.002, "attitude_noise": 0.001}],
     }
-    recording = recording_of(simulate(module, read_scenario("circle", changes)), module, "shakes")
+    recording = flight_recordings(
+        simulate(module, read_scenario("circle", changes)), module, "shakes"
+    )[0]
     free = ["rotors.time_constant", "rotors.drag", "rotors.thrust_?", "base_inertia_??"]
     result = identify(module, recording, free)
     exact = [(module.PARAMETERS | real)[name.replace("rotors.", "m0_")] for name in result.names]
@@ -286,3 +313,51 @@ def test_more_motors_than_a_wrench_has_components_and_one_wrong_reading(tmp_path
     words = "left out entries of IMUs that are unlike those before and after: 1"
     assert caplog.text.count(words) == 1
     assert (np.abs(spoilt.values - result.values) < 0.1 * result.deviations).all()
+
+
+@pytest.mark.slow  # 2 s.
+def test_a_sway_of_millimetres_in_calm_air_shows_no_drag() -> None:
+    """A great drag would explain why the wind, which there is none of, moves the base so little."""
+    changes = {
+        "duration": 6,
+        "base.path": {"kind": "harmonic", "x": waves((0.004, 2.0))},
+        "base.attitude": {"kind": "level"},
+        "control": {"rate": 200, "frequency": 2, "attitude_frequency": 8},
+        "integration": {"method": "rk4", "step": 0.0025, "rate": 200},
+        "sensors.imu": [{"rate": 200, "accelerometer_noise": 0.1, "gyroscope_noise": 0.01}],
+        "sensors.pose": [{"rate": 100, "position_noise": 2e-3, "attitude_noise": 3e-3}],
+    }
+    quadrotor = load("quadrotor", backend="c")
+    found = identify(
+        quadrotor, simulate(quadrotor, read_scenario("circle", changes)), ["base_mass"]
+    )
+    drag, deviation = found.others["drag of the base, N s/m"]
+    assert abs(drag) < 3.0 * deviation
+    assert abs(found.values[0] - quadrotor.PARAMETERS["base_mass"]) < 3.0 * found.deviations[0]
+
+
+@pytest.mark.slow  # 9 s.
+def test_a_battery_need_not_be_full_where_a_log_begins(tmp_path: Path) -> None:
+    """Throttles of a share of its voltage, which falls: at 40 % thrusts are a tenth less."""
+    (tmp_path / "drone.toml").write_text(BATTERY_DRONE, "utf-8")
+    module = load(generate(tmp_path / "drone.toml", tmp_path, verify=False), backend="c")
+    changes = {
+        "duration": 6,
+        "start.charge": 0.4,
+        "base.path": {
+            "kind": "harmonic",
+            "x": waves((0.5, 2.3)),
+            "y": waves((0.5, 2.9)),
+            "z": waves((0.3, 3.1)),
+        },
+        "base.attitude": {"kind": "level", "rate_deg": 40},
+        "control": {"rate": 200, "frequency": 2, "attitude_frequency": 8},
+        "integration": {"method": "rk4", "step": 0.0025, "rate": 200},
+        "sensors.imu": [{"rate": 200, "accelerometer_noise": 0.01, "gyroscope_noise": 1e-3}],
+        "sensors.pose": [{"rate": 100, "position_noise": 2e-3, "attitude_noise": 1e-3}],
+    }
+    flight = simulate(module, read_scenario("circle", changes))
+    found = identify(module, flight, ["rotors.thrust_?", "base_inertia_??"])
+    assert found.settled
+    exact = np.array([module.PARAMETERS[n.replace("rotors.", "m0_")] for n in found.names])
+    assert np.all(np.abs(found.values - exact) < 4.0 * found.deviations)

@@ -10,10 +10,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen import UsageError, load, read_scenario, simulate
+from gibbs_codegen.flight.logs.motion import on_base
 from gibbs_codegen.flight.logs.reading import Recorded, Samples
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.identification.identify import identify
-from gibbs_codegen.identification.recorded import Recording, recording_of, recordings_of
+from gibbs_codegen.identification.recorded import (
+    Recording,
+    flight_recordings,
+    fresh_readings,
+    recordings_of,
+)
 
 SECONDS = 6.0
 
@@ -102,11 +108,9 @@ def test_a_log_is_cut_where_any_command_is_not_known(vehicle, caplog) -> None:
     first, second = recorded(vehicle, commands=sent)
     assert (first.time[0], second.time[0]) == pytest.approx((0.0, 3.0), abs=0.006)
     assert (first.time[-1], second.time[-1]) == pytest.approx((2.0, 5.5), abs=0.006)
-    assert caplog.messages == [
-        f"flown: commands of {name} are not known for {end - begin:.3g} s after {begin:g} s; "
-        "the log is cut there"
-        for name, (begin, end) in gaps.items()
-    ] + [caplog.messages[-1]]
+    told = ", ".join(f"{end - begin:.3g} s after {begin:g} s" for begin, end in gaps.values())
+    words = f"flown: commands of {', '.join(gaps)} are not known for {told}; the log is cut there"
+    assert caplog.messages == [words, caplog.messages[-1]]
     assert "samples from 5.8 s on are left out, because a part needs at least 200" in caplog.text
 
 
@@ -158,6 +162,16 @@ def test_delays_are_found_in_noise_with_their_deviations(vehicle, caplog, late) 
         assert abs(found - abs(late)) < 4.0 * deviation < 2e-3
 
 
+def test_an_imu_anywhere_on_the_base_tells_a_delay(caplog) -> None:
+    """The camera is pitched, so that a roll turns it about two of its axes."""
+    quadrotor = Vehicle(load("quadrotor"))
+    whole, axes = log(quadrotor, 0.03), on_base(quadrotor)["camera"][:3, :3]
+    turned = [half @ axes for half in np.split(whole.imus["base"].values, 2, axis=1)]
+    imu = whole.imus["base"]._replace(values=np.concatenate(turned, axis=1))
+    recordings_of(quadrotor, whole._replace(imus={"camera": imu}), "flown")
+    assert caplog.messages[0].startswith("flown: the pose lags the IMU at camera by 0.0300 ±")
+
+
 def test_no_delay_is_found_where_there_is_none(vehicle, caplog) -> None:
     assert not any(delays(vehicle, caplog, 0.0, seed) for seed in range(20))
 
@@ -206,6 +220,20 @@ def test_what_no_sensor_of_a_flight_reads_is_said_to_be_exact(
 ) -> None:
     steps = {"method": "rk4", "step": 0.01, "rate": 100}
     changes = {"duration": 2.1, "integration": steps, "control.rate": 100, "sensors": sensors}
-    recording_of(simulate(vehicle.module, read_scenario("hover", changes)), vehicle.module, "flown")
+    flight_recordings(
+        simulate(vehicle.module, read_scenario("hover", changes)), vehicle.module, "flown"
+    )
     (told,) = (words for words in caplog.messages if "without noise" in words)
     assert told.startswith(f"flown: no sensor reads the {exact}; ")
+
+
+@pytest.mark.parametrize(("rate", "resolution"), [(100, 1.5e-3), (50, 0.01), (80, 1e-6)])
+def test_a_sensor_that_reads_the_same_again_is_not_taken_for_a_slow_one(rate, resolution) -> None:
+    """Of 2 000 samples, 200 a second, one is fresh for each reading, and none errs to one side."""
+    time = np.arange(2000) / 200
+    place = 0.1 * np.sin(np.floor(time * rate + 1e-9) / rate)
+    readings = resolution * np.round(place / resolution)
+    fresh = np.isfinite(fresh_readings(readings[:, np.newaxis])[:, 0])
+    assert fresh.sum() == pytest.approx(10 * rate, rel=0.02)
+    forwards = (readings - place)[fresh] * np.sign(np.cos(time[fresh]))
+    assert abs(forwards.mean()) < 0.05 * resolution

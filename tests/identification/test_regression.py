@@ -16,8 +16,8 @@ from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.identification.recorded import (
     Readings,
     Recording,
+    flight_recordings,
     part_of,
-    recording_of,
     recordings_of,
 )
 
@@ -57,7 +57,7 @@ def recording(module) -> Recording:
             {"name": frame, "frame": frame, "rate": 250} for frame in ("base", "camera")
         ],
     }
-    whole = recording_of(simulate(module, read_scenario("circle", changes)), module, "imu")
+    whole = flight_recordings(simulate(module, read_scenario("circle", changes)), module, "imu")[0]
     felt = {
         frame: np.stack([np.interp(whole.time - DELAY, whole.time, c) for c in values.T], axis=1)
         for frame, values in whole.imus.items()
@@ -138,7 +138,7 @@ def test_a_log_tells_the_pose_that_a_sensor_reads_and_what_flew(
         log = recorded_of(vehicle, tmp_path / "bag", {"odometry": "/pose"})
         (told,) = recordings_of(vehicle, log, "bag")
     else:
-        told = recording_of(flight, module, "seen")
+        told = flight_recordings(flight, module, "seen")[0]
         write_log(flight, tmp_path / "tables", "csv")
         assert not (tmp_path / "tables" / "vehicle_visual_odometry_0.csv").exists()
         rest = f"not written to the tables: readings barometer_altitude, {sensor}_pos"

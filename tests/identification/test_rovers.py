@@ -10,9 +10,11 @@ from support.emitted import compiled_module
 from support.machines import cart, link
 
 from gibbs_codegen import identify, parse_robot, read_scenario, simulate
+from gibbs_codegen.flight.logs.motion import on_base
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.identification.identify import model_of
-from gibbs_codegen.identification.recorded import Readings, recording_of
+from gibbs_codegen.identification.recorded import Readings, flight_recordings
 from gibbs_codegen.identification.smoothing import Smoother
 from gibbs_codegen.identification.unknowns import Unknowns
 
@@ -25,6 +27,7 @@ ROVER = cart(
     moments=[10, 10, 15.6],
     effort=60,
 )
+ROVER += '[[frame]]\nname = "rim"\non = "left"\nxyz = [0.1, 0, 0]\n'
 REAL = {"base_mass": 34.0, "base_com_x": 0.26, "base_inertia_zz": 13.5, "arm_com_x": 0.35}
 POINTS = [[0, 0, 0], [1, 0.3, 0], [1.5, 1.2, 0], [0.9, 2, 0], [-0.5, 1.7, 0], [-1, 1, 0]]
 WAY = {
@@ -53,11 +56,15 @@ def flight() -> Flight:
     return simulate(compiled_module(parse_robot(ROVER)), read_scenario(WAY))
 
 
+def test_a_frame_on_a_wheel_is_not_on_the_base() -> None:
+    assert [*on_base(Vehicle(compiled_module(parse_robot(ROVER))))] == ["base"]
+
+
 @pytest.mark.parametrize("captured", [True, False])
 def test_numbers_of_a_rover_are_found_within_their_deviations(flight, captured: bool) -> None:
     """Of the base nothing is known but by its wheels, of which nothing is known but by it."""
     module, rng = compiled_module(parse_robot(ROVER)), np.random.default_rng(3)
-    recording = recording_of(flight, module, "bends")
+    recording = flight_recordings(flight, module, "bends")[0]
     q = flight.q[: len(recording.time)].copy()
     q[:, 3:] = 1e-3 * np.round(1e3 * q[:, 3:])  # Encoders.
     q[:, :3] += rng.normal(size=(len(q), 3)) * [5e-4, 5e-4, 1e-3]
@@ -87,7 +94,7 @@ def test_what_stands_still_is_read_as_often_as_what_moves(posed: bool, caplog) -
     }
     module = compiled_module(parse_robot(ROVER))
     flight = simulate(module, read_scenario({**WAY, **changes, "plant": {}}))
-    told = recording_of(flight, module, "stands")
+    told = flight_recordings(flight, module, "stands")[0]
     shares = np.isfinite(told.q[:, :4]).mean(axis=0)
     np.testing.assert_allclose(shares, [0.5] * 3 + [1] if posed else [1] * 3 + [0.5], atol=0.02)
     assert "not known" not in caplog.text
@@ -95,7 +102,7 @@ def test_what_stands_still_is_read_as_often_as_what_moves(posed: bool, caplog) -
 
 def test_a_prior_of_a_number_adds_to_what_the_log_tells_of_it(flight) -> None:
     module = compiled_module(parse_robot(ROVER))
-    recording = recording_of(flight, module, "bends")
+    recording = flight_recordings(flight, module, "bends")[0]
     model, told = model_of(module, [recording]), []
     for prior in (0.3, {"*": 0.1, "base_*": 0.02, "base_mass": 0.01}):
         unknowns = Unknowns(module, [*REAL], prior)
@@ -109,7 +116,7 @@ def test_a_prior_of_a_number_adds_to_what_the_log_tells_of_it(flight) -> None:
 def test_how_certain_states_are_is_that_of_the_dense_equations(flight, monkeypatch) -> None:
     """The determinant by differences of residuals along all states, and its slope by numbers."""
     module = compiled_module(parse_robot(ROVER))
-    recording, samples = recording_of(flight, module, "bends"), 8
+    recording, samples = flight_recordings(flight, module, "bends")[0], 8
     model, unknowns = model_of(module, [recording]), Unknowns(module, [*REAL], 0.3)
     smoother = Smoother(model, unknowns, [Readings(recording, module, ())])
     monkeypatch.setattr("gibbs_codegen.identification.smoothing._EVERY", 1)

@@ -14,6 +14,9 @@ from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.vectors import Array, times, transposed
 
+# Entries of poses that differ by less are the same, rounded.
+_STILL = 1e-9
+
 
 @dataclass(frozen=True)
 class BaseMotion:
@@ -99,12 +102,14 @@ def poses(flight: Flight) -> dict[str, tuple[str, Array, Array]]:
 
 
 def on_base(vehicle: Vehicle) -> dict[str, Array]:
-    """Frames that no joint moves, with their poses (4, 4) in the base's axes."""
-    ways = vehicle.module.frame_jacobians(vehicle.neutral)[..., vehicle.layout.v.joints]
-    poses = vehicle.module.frame_poses(vehicle.neutral)
-    poses = np.linalg.inv(poses[vehicle.frames.index("base")]) @ poses
-    rows = zip(vehicle.frames, poses, ways, strict=True)
-    return {frame: pose for frame, pose, way in rows if not way.any()}
+    """Frames that neither joints nor wheels move, with their poses (4, 4) in the base's axes."""
+    q, places = np.tile(vehicle.neutral, (2, 1)), vehicle.layout.q
+    q[1, places.joints] += 1.0
+    q[1, places.angles] += 1.0
+    poses = vehicle.module.frame_poses(q)
+    poses = np.linalg.inv(poses[:, [vehicle.frames.index("base")]]) @ poses
+    rests = np.ptp(poses, axis=0).max(axis=(1, 2)) < _STILL
+    return {vehicle.frames[k]: poses[0, k] for k in np.flatnonzero(rests)}
 
 
 def unread(flight: Flight, read: Iterable[str]) -> str:

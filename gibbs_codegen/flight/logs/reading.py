@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -41,6 +41,8 @@ _GREATEST |= {"q": 1e8, "v": 1e4, "u": 1e8, "imu": 1e5}
 _GREATEST_ACCELERATION = 1e8
 # A warning names what shortens a log by more than this, s.
 _LOST = 1.0
+# How many entries of a list a message has.
+_LISTED = 5
 # Share of a step by which the last sample may be late.
 _SAME_STEP = 1e-6
 
@@ -236,13 +238,23 @@ def tell_gaps(series: Mapping[Any, Samples], source: str, begin: int, then: str)
     """Warn of each series that is not known for long, in a log that begins at a time, ns."""
     for name, samples in series.items():
         gaps = np.diff(samples.time)
-        times = (samples.time[:-1] - begin) * 1e-9
         if (long := gaps > _LONG_GAP * np.median(gaps)).any():
-            pairs = zip(gaps[long] * 1e-9, times[long], strict=True)
-            told = printable(
-                ", ".join(f"{gap:.3g} s after {time:.4g} s" for gap, time in pairs), 200
-            )
-            _log.warning("%s: %s is not known for %s; %s", source, title(name), told, then)
+            pairs = np.stack([samples.time[:-1][long], samples.time[1:][long]], axis=1) - begin
+            words = "%s: %s is not known for %s; %s"
+            _log.warning(words, source, title(name), listed_gaps(pairs), then)
+
+
+def listed_gaps(gaps: NDArray[np.int64]) -> str:
+    """Gaps from one time, ns, to another (g, 2) as a list."""
+    return listed(
+        [f"{1e-9 * (end - last):.3g} s after {1e-9 * last:.4g} s" for last, end in gaps.tolist()]
+    )
+
+
+def listed(words: Sequence[str]) -> str:
+    """The first words of a list, and how many follow."""
+    rest = len(words) - _LISTED
+    return ", ".join(words[:_LISTED]) + f" and {rest} more" * (rest > 0)
 
 
 def known_attitudes(quaternions: Array) -> Array:
