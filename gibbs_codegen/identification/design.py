@@ -259,11 +259,12 @@ class _Experiment:
         room = np.where(np.isfinite(room), room / span, 1.0)
         sample, place = np.unravel_index(np.argmin(room), room.shape)
         if room[sample, place] < 1.0 - _USED:
-            raise UsageError(
-                f"{self.module.NAME}: even a small motion leaves {self.module.INPUTS[place]}, of "
-                f"{least[place]:.4g} to {most[place]:.4g}, less than {1.0 - _USED:.0%} of its range "
-                f"at {flight.time[sample]:.3g} s; give a posture or path that needs less (--scenario)"
+            words = (
+                f"even a small motion leaves {self.module.INPUTS[place]}, of {least[place]:.4g} to "
+                f"{most[place]:.4g}, less than {1.0 - _USED:.0%} of its range at "
+                f"{flight.time[sample]:.3g} s; give a posture or path that needs less (--scenario)"
             )
+            raise UsageError(f"{self.module.NAME}: {words}")
         recording = flight_recordings(flight, self.module, flight.scenario)[0]
         frames = imus_of(self.module, recording)
         self._model = self._model or model_of(self.module, [recording])
