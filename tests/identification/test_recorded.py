@@ -191,8 +191,10 @@ def test_a_series_that_ends_early_shortens_a_log(vehicle, caplog) -> None:
     whole = log(vehicle)
     late = without(whole.imus["base"], (-1.0, 0.5))
     (part,) = recorded(vehicle, position=without(whole.position, (4.0, 9.0)), imus={"base": late})
-    words = "of 5.995 s only 3.5 s are read, from where the IMU at base begins to where position"
-    assert caplog.messages == [f"flown: {words} ends"]
+    assert caplog.messages == [
+        "flown: of 5.995 s only 3.5 s are read, from where the IMU at base begins, at 0.5 s, to "
+        "where position ends; times count from that begin"
+    ]
     assert part.time[-1] == pytest.approx(3.5, abs=0.006)
 
 

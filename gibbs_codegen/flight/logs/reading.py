@@ -226,11 +226,15 @@ def common_time(series: Mapping[Any, Samples], source: str) -> tuple[int, int]:
     last = max(series, key=lambda name: series[name].time[0])
     first = min(series, key=lambda name: series[name].time[-1])
     begin, end = int(series[last].time[0]), int(series[first].time[-1])
-    both = 1e-9 * (end - begin)
+    both, start = 1e-9 * (end - begin), min(x.time[0] for x in series.values())
     whole = 1e-9 * float(np.ptp([x.time[[0, -1]] for x in series.values()]))
     if whole - both > _LOST:
-        words = "%s: of %.4g s only %.4g s are read, from where %s begins to where %s ends"
-        _log.warning(words, source, whole, max(both, 0.0), title(last), title(first))
+        words = (
+            "%s: of %.4g s only %.4g s are read, from where %s begins, at %.4g s, to where %s "
+            "ends; times count from that begin"
+        )
+        seconds = whole, max(both, 0.0), title(last), 1e-9 * (begin - start)
+        _log.warning(words, source, *seconds, title(first))
     return begin, end
 
 
