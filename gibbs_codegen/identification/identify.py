@@ -187,9 +187,11 @@ def identify(
     parts = [part for r, end in pairs for part in cut(r, [slice(end, len(r.time))])]
     rest = [Readings(r, module, frames) for r in parts]
     longest = max(used, key=lambda recording: len(recording.time))
-    first = Readings(part_of(longest, slice(_FIRST)), module, frames)
-    if first.blind not in blind:  # Its pose begins later.
-        first = readings[used.index(longest)]
+    # From where all is read that is read at all.
+    known = np.isfinite(longest.q)
+    late = int(np.argmax(known, axis=0)[known.any(axis=0)].max(initial=0))
+    late = max(0, min(late, len(longest.q) - _FIRST))
+    first = Readings(part_of(longest, slice(late, late + _FIRST)), module, frames)
     start = begin = np.zeros(len(unknowns.names))
     if first.blind:  # Where a pose is read, accelerations would take a servo's lag for its damping.
         y, _ = Regression(model, unknowns, [first]).run()

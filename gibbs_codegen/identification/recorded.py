@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.logs.cdr import times_of
-from gibbs_codegen.flight.logs.motion import base_motion, imus, on_base, poses, unread
+from gibbs_codegen.flight.logs.motion import base_motion, imus, new_readings, on_base, poses, unread
 from gibbs_codegen.flight.logs.reading import (
     Recorded,
     Samples,
@@ -51,8 +51,6 @@ _ANYWHERE, _ANYHOW = 100.0, 3.0
 _SPIKE = 12.0
 # Third differences of white noise have so many times its variance; the deviation by the median.
 _THIRD, _BY_MEDIAN = 20.0, 1.4826
-# Of runs of equal readings the share of the shortest, if a sensor reads something else each time.
-_MOSTLY = 0.8
 # Commands that are late by more, s, are unknown.
 _GAP = 0.2
 # Delays that are tried, and the greatest, s; steps by Gauss and Newton, s and their number; time
@@ -171,12 +169,12 @@ def flight_recordings(flight: Flight, module: ModuleType, source: str) -> list[R
             joint = max(ends, key=len)  # Of the joints "arm" and "fore_arm" the latter.
             encoders[reading.removesuffix(joint)][flight.coordinates.index(joint)] = k
     for places in encoders.values():
-        q[:, [*places]] = fresh_readings(flight.sensors[:, [*places.values()]])
+        q[:, [*places]] = new_readings(flight, [*places.values()])
         read += [flight.sensor_names[k] for k in places.values()]
     posed = not vehicle.layout.q.base or f"{sensor}_x_axis_x" in flight.sensor_names
     exact = ["attitude" if sensor else "pose"] * (not posed)
     if exact := exact + ["joints"] * (len({*chain(*encoders.values())}) < vehicle.joints):
-        words = "%s: no sensor reads the %s; taken without noise, which a `Recording` can leave out"
+        words = "%s: no sensor reads the %s; taken without noise"
         _log.warning(words, source, " and ".join(exact))
     if rest := unread(flight, read):
         _log.warning("%s: identify does not use its readings %s", source, rest)
@@ -218,7 +216,7 @@ def _placed(flight: Flight, vehicle: Vehicle) -> tuple[str, Array, Array]:
         attitude *= Rotation.from_matrix(mounted[:3, :3]).inv()
         turned = np.where(known, attitude.as_quat(), np.nan)
     else:
-        position, turned = fresh_readings(position), base.quaternion
+        turned = base.quaternion
     return name, position - attitude.apply(mounted[:3, 3]), turned
 
 
@@ -250,9 +248,6 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
             f"{source}: has fewer than {_LEAST_READINGS} samples of {title(few[0])}; name another "
             "series (--name), or give a log that has it"
         )
-    for name in [name for name in series if name[0] not in "qu"]:
-        fresh = np.isfinite(fresh_readings(series[name].values)[:, 0])
-        series[name] = series[name].rows(fresh | (np.arange(len(fresh)) == len(fresh) - 1))
     _take_back_delay(series, vehicle, source)
     spacing = {name: float(np.median(np.diff(s.time))) * 1e-9 for name, s in series.items()}
     rates = ", ".join(f"{title(name)} {1.0 / x:.4g}" for name, x in spacing.items())
@@ -344,6 +339,7 @@ def _take_back_delay(series: dict[Any, Samples], vehicle: Vehicle, source: str) 
     """Take back how much later the pose is than IMUs on the base, or these, by how they turn."""
     felt = [name for name in series if name[0] == "imu"]
     mounts = on_base(vehicle) if felt and "attitude" in series else {}
+    delays = dict[Any, float]()
     for name in felt:
         if (frame := name[1]) not in mounts:
             continue
@@ -356,15 +352,18 @@ def _take_back_delay(series: dict[Any, Samples], vehicle: Vehicle, source: str) 
                 "%s; no delay is assumed; turn it to and fro quickly, and compare the axes of both"
             )
             _log.warning(words, source, frame)
-        elif abs(delay) > max(_SURE * deviation, _BRIEF):
-            # The later of both is late, for nothing is read ahead of time.
-            pose_late = delay > 0.0
-            late = "the pose lags the IMU at %s" if pose_late else "the IMU at %s lags the pose"
+            continue
+        delays[name] = delay if abs(delay) > max(_SURE * deviation, _BRIEF) else 0.0
+        if delays[name]:
+            late = "the pose lags the IMU at %s" if delay > 0.0 else "the IMU at %s lags the pose"
             words = f"%s: {late} by %.4f ± %.1g s, which is corrected"
             _log.warning(words, source, frame, abs(delay), deviation)
-            for other in ("position", "attitude") if pose_late else [name]:
-                later = series[other]
-                series[other] = later._replace(time=later.time - round(abs(delay) * 1e9))
+    # The least late is not late, for nothing is read ahead of time.
+    pose_late = max([0.0, *delays.values()])
+    moves = {"position": pose_late, "attitude": pose_late}
+    moves |= {name: pose_late - delay for name, delay in delays.items()}
+    for name, delay in moves.items() if delays else ():
+        series[name] = series[name]._replace(time=series[name].time - round(delay * 1e9))
 
 
 def _delay(pose: Samples, felt: Samples) -> tuple[float, float]:
@@ -407,7 +406,7 @@ def _delay(pose: Samples, felt: Samples) -> tuple[float, float]:
         return 0.0, np.inf
     # Sums over parts tell the variance with correlations; where parts are few, too small a one.
     sums = np.append(0.0, np.cumsum(np.sum(slope * rest, axis=1)))
-    length = min(round(_CORRELATED / float(np.median(np.diff(at)))), len(first) // 4)
+    length = max(1, min(round(_CORRELATED / float(np.median(np.diff(at)))), len(first) // 4))
     variance = np.mean((sums[length:] - sums[:-length]) ** 2) * len(first) / length
     return delay, float(np.sqrt(max(variance, worth * np.mean(rest**2))) / worth)
 
@@ -471,27 +470,6 @@ def _reckoned_by_imu(
     arrays["attitude"] = quaternions_of(turned.as_matrix())
     joints = {(kind, name): np.zeros(count) for name in vehicle.joint_names for kind in "qv"}
     return motion_of(vehicle, arrays | joints, recording.time)[0][:, layout.q.base], spin
-
-
-def fresh_readings(values: Array) -> Array:
-    """Readings (s, k), NaN where a sensor only holds the last until the next.
-
-    At rest a sensor reads the same again, as often as it reads something else in motion. A coarse
-    one may do so in motion too, from sample to sample.
-    """
-    same = (values[1:] == values[:-1]) | np.isnan(values[1:]) & np.isnan(values[:-1])
-    changes = np.append(0, 1 + np.flatnonzero(~same.all(axis=1)))
-    lengths = np.diff(changes)[1:]  # Before the first change it may have read nothing.
-    period = float(np.gcd.reduce(lengths)) or 1.0
-    short = lengths[lengths <= np.min(lengths, initial=len(values)) + 1]
-    if period == 1.0 and len(short) > _MOSTLY * len(lengths):
-        period = float(short.mean())
-    fresh = np.full_like(values, np.nan)
-    for begin, end in pairwise([*changes.tolist(), len(values)]):
-        count = max(1, round((end - begin) / period))
-        rows = begin + (period * np.arange(count)).astype(int)
-        fresh[rows] = values[rows]
-    return fresh
 
 
 def without_spikes(recording: Recording) -> Recording:

@@ -9,17 +9,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gibbs_codegen import UsageError, load, read_scenario, simulate
+from gibbs_codegen import UsageError, load, read_scenario, simulate, write_log
+from gibbs_codegen.flight.logs.log import recorded_of
 from gibbs_codegen.flight.logs.motion import on_base
 from gibbs_codegen.flight.logs.reading import Recorded, Samples
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.identification.identify import identify
-from gibbs_codegen.identification.recorded import (
-    Recording,
-    flight_recordings,
-    fresh_readings,
-    recordings_of,
-)
+from gibbs_codegen.identification.recorded import Recording, flight_recordings, recordings_of
 
 SECONDS = 6.0
 
@@ -169,7 +165,27 @@ def test_an_imu_anywhere_on_the_base_tells_a_delay(caplog) -> None:
     turned = [half @ axes for half in np.split(whole.imus["base"].values, 2, axis=1)]
     imu = whole.imus["base"]._replace(values=np.concatenate(turned, axis=1))
     recordings_of(quadrotor, whole._replace(imus={"camera": imu}), "flown")
-    assert caplog.messages[0].startswith("flown: the pose lags the IMU at camera by 0.0300 ±")
+    assert "flown: the pose lags the IMU at camera by 0.0300 ±" in caplog.text
+
+
+@pytest.mark.parametrize("frames", [("base", "camera"), ("camera", "base")])
+def test_of_two_imus_each_has_its_own_delay(caplog, frames) -> None:
+    """The pose is late by 30 ms, the IMU at base by 10, and that at the camera is not."""
+    quadrotor = Vehicle(load("quadrotor"))
+    whole, axes = log(quadrotor, 0.03), on_base(quadrotor)["camera"][:3, :3]
+    late = {"base": sampled(200, felt, 0.01)}
+    turned = [half @ axes for half in np.split(whole.imus["base"].values, 2, axis=1)]
+    late["camera"] = whole.imus["base"]._replace(values=np.concatenate(turned, axis=1))
+    log_of_both = whole._replace(imus={frame: late[frame] for frame in frames})
+    (part,) = recordings_of(quadrotor, log_of_both, "flown")
+    roll = Rotation.from_quat(part.q[::2, 3:7]).as_rotvec()[:, 0]
+    known = np.isfinite(roll)
+    # Times count from where all are known, and the pose, which came last, begins 30 ms early.
+    shift = (whole.imus["base"].time[0] * 1e-9) + part.time[::2]
+    np.testing.assert_allclose(roll[known], angle(shift)[known], atol=3e-3)
+    rates = part.imus["base"][:, 3], -part.imus["camera"][:, 3] / -axes[0, 0]
+    both = np.isfinite(rates[0]) & np.isfinite(rates[1])
+    np.testing.assert_allclose(rates[0][both], rates[1][both], atol=2e-2)
 
 
 def test_no_delay_is_found_where_there_is_none(vehicle, caplog) -> None:
@@ -229,13 +245,22 @@ def test_what_no_sensor_of_a_flight_reads_is_said_to_be_exact(
     assert told.startswith(f"flown: no sensor reads the {exact}; ")
 
 
-@pytest.mark.parametrize(("rate", "resolution"), [(100, 1.5e-3), (50, 0.01), (80, 1e-6)])
-def test_a_sensor_that_reads_the_same_again_is_not_taken_for_a_slow_one(rate, resolution) -> None:
-    """Of 2 000 samples, 200 a second, one is fresh for each reading, and none errs to one side."""
-    time = np.arange(2000) / 200
-    place = 0.1 * np.sin(np.floor(time * rate + 1e-9) / rate)
-    readings = resolution * np.round(place / resolution)
-    fresh = np.isfinite(fresh_readings(readings[:, np.newaxis])[:, 0])
-    assert fresh.sum() == pytest.approx(10 * rate, rel=0.02)
-    forwards = (readings - place)[fresh] * np.sign(np.cos(time[fresh]))
-    assert abs(forwards.mean()) < 0.05 * resolution
+@pytest.mark.parametrize("delay", [0.0, 0.012])
+def test_readings_are_taken_once_when_they_come(vehicle, tmp_path, delay: float) -> None:
+    """Joints that move less than a step of their encoders, at rates that are no share of 200."""
+    sensors = {"encoders": [{"rate": 80, "resolution": 0.05, "delay": delay}]}
+    sensors |= {"imu": [{"rate": 150, "delay": delay}], "pose": [{"rate": 30, "delay": delay}]}
+    steps = {"method": "rk4", "step": 0.005, "rate": 200}
+    changes = {"duration": 2, "integration": steps, "control.rate": 200, "sensors": sensors}
+    flight = simulate(vehicle.module, read_scenario("hover", changes))
+    told = flight_recordings(flight, vehicle.module, "flown")[0]
+    write_log(flight, tmp_path / "bag")
+    log = recorded_of(vehicle, tmp_path / "bag", {"odometry": "/pose"})
+    (of_bag,) = recordings_of(vehicle, log, "bag")
+    rows = np.ceil(200 * (np.arange(160) / 80 + delay) - 1e-6).astype(int)
+    read = np.flatnonzero(np.isfinite(told.q[:, -1]))
+    assert {*(rows - rows[0])[2:-4]} <= {*read}
+    assert len(read) == pytest.approx(160, abs=4)
+    for part in (told, of_bag):
+        assert np.isfinite(part.imus["base"][:, 0]).sum() == pytest.approx(300, abs=8)
+        assert np.isfinite(part.q[:, 0]).sum() == pytest.approx(60, abs=4)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.flight.plant.kinematics import kinematics_of, quaternions_of
+from gibbs_codegen.flight.plant.sensors import arrived
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.vectors import Array, times, transposed
@@ -71,12 +73,32 @@ def shares(flight: Flight) -> Array:
     return flight.commanded / np.where(np.isfinite(most) & (most > 0.0), most, np.nan)
 
 
+def new_readings(flight: Flight, entries: Sequence[int]) -> Array:
+    """Readings (s, k) of entries of a sensor, NaN at samples at which it has none that is new.
+
+    Files that do not say how often it is read have a new one where an entry changes.
+    """
+    readings = flight.sensors[:, entries]
+    if len(flight.sensor_rates):
+        rate, delay = flight.sensor_rates[entries[0]], float(flight.sensor_delays[entries[0]])
+        taken = np.arange(int(flight.time[-1] * rate) + 2) / rate
+        new = np.diff(arrived(taken, flight.time, delay), prepend=-1) > 0
+    else:
+        new = np.append(True, (readings[1:] != readings[:-1]).any(axis=1))
+    return np.where(new[:, np.newaxis], readings, np.nan)
+
+
+def known_rows(readings: Array) -> NDArray[np.bool_]:
+    """Which rows (s) of readings (s, k) are known."""
+    return np.asarray(np.isfinite(readings).all(axis=1))
+
+
 def imus(flight: Flight) -> dict[str, tuple[str, Array]]:
-    """By the name of each IMU its frame and readings (s, 6): specific force, m/s², and spin."""
+    """By the name of each IMU its frame and new readings (s, 6): specific force, m/s², and spin."""
     last = "_acceleration_x"
     # Nothing else at a frame reads accelerations.
     return {
-        name.removesuffix(last): (flight.sensor_frames[k], flight.sensors[:, k : k + 6])
+        name.removesuffix(last): (flight.sensor_frames[k], new_readings(flight, range(k, k + 6)))
         for k, (name, unit) in enumerate(zip(flight.sensor_names, flight.sensor_units, strict=True))
         if unit == "m/s^2" and name.endswith(last)
     }
@@ -85,27 +107,28 @@ def imus(flight: Flight) -> dict[str, tuple[str, Array]]:
 def poses(flight: Flight) -> dict[str, tuple[str, Array, Array]]:
     """By the name of each pose sensor and GPS its frame, positions (s, 3), m, and quaternions.
 
-    World axes; before the first reading, and of a GPS, these (s, 4) are NaN.
+    World axes; NaN at samples without a new reading, and quaternions (s, 4) of a GPS.
     """
     last, found = "_position_x", dict[str, tuple[str, Array, Array]]()
     for k, (name, frame) in enumerate(zip(flight.sensor_names, flight.sensor_frames, strict=True)):
         if not (frame and name.endswith(last)):
             continue
         sensor, attitude = name.removesuffix(last), np.full((len(flight.time), 4), np.nan)
+        position = new_readings(flight, range(k, k + 3))
         if f"{sensor}_x_axis_x" in flight.sensor_names:
-            x, y = flight.sensors[:, k + 3 : k + 6], flight.sensors[:, k + 6 : k + 9]
-            known = np.isfinite(x).all(axis=1)
+            x, y = np.split(new_readings(flight, range(k + 3, k + 9)), 2, axis=1)
+            known = known_rows(x)
             axes = np.stack([x, y, np.cross(x, y)], axis=-1)[known]
             attitude[known] = quaternions_of(Rotation.from_matrix(axes).as_matrix())
-        found[sensor] = frame, flight.sensors[:, k : k + 3], attitude
+        found[sensor] = frame, position, attitude
     return found
 
 
 def on_base(vehicle: Vehicle) -> dict[str, Array]:
     """Frames that neither joints nor wheels move, with their poses (4, 4) in the base's axes."""
     q, places = np.tile(vehicle.neutral, (2, 1)), vehicle.layout.q
-    q[1, places.joints] += 1.0
-    q[1, places.angles] += 1.0
+    for place in (places.joints, places.angles):  # By amounts of which none makes up for another.
+        q[1, place] += np.sqrt(1.0 + np.arange(len(q[1, place])))
     poses = vehicle.module.frame_poses(q)
     poses = np.linalg.inv(poses[:, [vehicle.frames.index("base")]]) @ poses
     rests = np.ptp(poses, axis=0).max(axis=(1, 2)) < _STILL

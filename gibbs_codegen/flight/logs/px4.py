@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError, printable, require
-from gibbs_codegen.flight.logs.motion import base_motion, imus, poses, shares, unread
+from gibbs_codegen.flight.logs.motion import base_motion, imus, known_rows, poses, shares, unread
 from gibbs_codegen.flight.logs.reading import NO_TIME, Recorded, Samples, of_shares
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
@@ -58,12 +58,12 @@ def write_tables(flight: Flight, folder: Path) -> None:
 
 
 def topics_of(flight: Flight) -> Topics:
-    """The topics of PX4 of a flight, with a message of each per sample.
+    """The topics of PX4 of a flight, with a message of each per sample, of sensors per reading.
 
     Joints, which PX4 does not have, are a topic of this package's.
     """
     base, time = base_motion(flight), np.round(flight.time * 1e6).astype(np.int64)
-    count, since = len(time), np.diff(time, prepend=time[0])
+    count = len(time)
     forwards = flight.base_rotation[..., 0]
     positions = {
         **dict(zip(("x", "y", "z"), north_east_down(base.position).T, strict=True)),
@@ -76,11 +76,15 @@ def topics_of(flight: Flight) -> Topics:
     }
     exact = np.concatenate([base.specific_force, base.spin], axis=1)
     of_base = [(name, felt) for name, (frame, felt) in imus(flight).items() if frame == "base"]
-    sensed = of_base[0][1] if of_base else exact
+    sensed, when = of_base[0][1] if of_base else exact, time
+    if of_base:
+        sensed, when = sensed[known_rows(sensed)], time[known_rows(sensed)]
+    since = np.diff(when, prepend=when[:1])
     measured = {
+        "timestamp": when,
         **_listed("gyro_rad", turned_over(sensed[:, 3:])),
         "gyro_integral_dt": since,
-        "accelerometer_timestamp_relative": np.zeros(count, np.int64),
+        "accelerometer_timestamp_relative": np.zeros(len(since), np.int64),
         **_listed("accelerometer_m_s2", turned_over(sensed[:, :3])),
         "accelerometer_integral_dt": since,
     }
@@ -105,9 +109,11 @@ def topics_of(flight: Flight) -> Topics:
     read = ((name, x) for name, x in poses(flight).items() if x[0] == "base")
     seen = [(name, x) for name, x in read if np.isfinite(x[2]).any()][:1]
     for _, (_, position, quaternion) in seen:
+        new = known_rows(quaternion)
         topics["vehicle_visual_odometry"] = {
-            **_listed("position", north_east_down(position)),
-            **_listed("q", turned_attitude(quaternion)),
+            "timestamp": time[new],
+            **_listed("position", north_east_down(position[new])),
+            **_listed("q", turned_attitude(quaternion[new])),
         }
     if rest := unread(flight, [f"{name}_" for name, _ in (*of_base[:1], *seen)]):
         _log.warning("not written to the tables: readings %s", rest)

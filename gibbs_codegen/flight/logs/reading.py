@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from types import MappingProxyType
@@ -282,7 +283,9 @@ def cleaned(series: Mapping[Any, Samples], source: str) -> dict[Any, Samples]:
         if name == "attitude":
             samples = samples._replace(values=known_attitudes(samples.values))
         samples = kept(name, samples, samples.time != NO_TIME, "have no time")
-        values = np.abs(samples.values.reshape(len(samples.time), -1))
+        values = np.abs(
+            samples.values.reshape(len(samples.time), math.prod(samples.values.shape[1:]))
+        )
         right = (values <= _GREATEST[name if isinstance(name, str) else name[0]]).all(axis=1)
         sound[name] = kept(
             name, samples, right, "are not numbers or attitudes, or are impossibly large"

@@ -20,7 +20,15 @@ from scipy.spatial.transform import Rotation
 from gibbs_codegen.errors import UsageError, printable, require
 from gibbs_codegen.flight.logs.bags import ACTUATORS, message_types, read_messages
 from gibbs_codegen.flight.logs.cdr import encoded, stamps, times_of
-from gibbs_codegen.flight.logs.motion import base_motion, imus, on_base, poses, shares, unread
+from gibbs_codegen.flight.logs.motion import (
+    base_motion,
+    imus,
+    known_rows,
+    on_base,
+    poses,
+    shares,
+    unread,
+)
 from gibbs_codegen.flight.logs.reading import (
     NO_TIME,
     Recorded,
@@ -58,7 +66,7 @@ def write_bag(flight: Flight, folder: Path) -> None:
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     store, times = message_types(), times_of(flight.time).tolist()
-    with_messages = topics_of(flight)
+    with_messages, new = topics_of(flight)
     writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     with writer:
@@ -73,12 +81,19 @@ def write_bag(flight: Flight, folder: Path) -> None:
                 for kind, values in with_messages.values()
             ]
             for row in rows:
-                for channel, block in zip(channels, blocks, strict=True):
-                    writer.write(channel, times[row], block[row - begin].tobytes())
+                for topic, channel, block in zip(with_messages, channels, blocks, strict=True):
+                    if topic not in new or new[topic][row]:
+                        writer.write(channel, times[row], block[row - begin].tobytes())
 
 
-def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
-    """By topic the type of its messages and their values, a message per sample."""
+Topics = dict[str, tuple[str, Mapping[str, Any]]]
+
+
+def topics_of(flight: Flight) -> tuple[Topics, dict[str, NDArray[np.bool_]]]:
+    """By topic the type of its messages and their values, of samples (s), and which are written.
+
+    Of topics of sensors these are the samples with a new reading, of others all.
+    """
     stamp, base = stamps(flight.time), base_motion(flight)
     header = {"stamp": stamp, "frame_id": WORLD}
     place, attitude = _named("xyz", base.position), _named("xyzw", base.quaternion)
@@ -92,7 +107,8 @@ def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
     transform = _transform(header, BASE, base.position, base.quaternion)
     efforts = {"name": flight.input_names, "effort": flight.applied}
     no_attitude = -1.0 * (np.arange(9) == 0) * np.ones((len(flight.time), 1))
-    topics: dict[str, tuple[str, Mapping[str, Any]]] = {
+    new = dict[str, NDArray[np.bool_]]()
+    topics: Topics = {
         "/clock": ("rosgraph_msgs/msg/Clock", {"clock": stamp}),
         "/tf": ("tf2_msgs/msg/TFMessage", {"transforms": [transform]}),
         "/odom": ("nav_msgs/msg/Odometry", odometry),
@@ -121,14 +137,16 @@ def topics_of(flight: Flight) -> dict[str, tuple[str, Mapping[str, Any]]]:
                 ),
             }
             # Below /imu, so that none takes the place of another topic.
-            topics["/imu" if name == "imu" else f"/imu/{name}"] = ("sensor_msgs/msg/Imu", measured)
+            topic = "/imu" if name == "imu" else f"/imu/{name}"
+            topics[topic], new[topic] = ("sensor_msgs/msg/Imu", measured), known_rows(values)
     seen = {name: x for name, x in poses(flight).items() if np.isfinite(x[2]).any()}
     for name, (frame, position, quaternion) in seen.items():
         topic = "/pose" if name == "pose" else f"/pose/{name}"
         topics[topic] = _TRANSFORM, _transform(header, frame, position, quaternion)
+        new[topic] = known_rows(quaternion)
     if rest := unread(flight, [f"{name}_" for name in (*imus(flight), *seen)]):
         _log.warning("not written to the bag: readings %s", rest)
-    return topics
+    return topics, new
 
 
 def _transform(header: Any, frame: str, position: Array, quaternion: Array) -> dict[str, Any]:

@@ -168,6 +168,11 @@ class SensorSuite:
         """Names (m) of the frames of the entries, "" for entries without a frame."""
         return tuple(getattr(device, "frame", "") for device, _, _ in self._entries)
 
+    @property
+    def timing(self) -> Array:
+        """How often (m) entries are read, Hz, and how late readings come, s."""
+        return np.array([(device.rate, device.delay) for device, _, _ in self._entries]).T
+
     @cached_property
     def program(self) -> Program:
         """Measurements (m) as an array program of q, v, a, wrenches and gravity.

@@ -114,6 +114,8 @@ class Recording:
             "sensor_names": lambda: loop.sensors.names if loop.sensors else (),
             "sensor_units": lambda: loop.sensors.units if loop.sensors else (),
             "sensor_frames": lambda: loop.sensors.frames if loop.sensors else (),
+            "sensor_rates": lambda: loop.sensors.timing[0] if loop.sensors else np.zeros(0),
+            "sensor_delays": lambda: loop.sensors.timing[1] if loop.sensors else np.zeros(0),
             "sensors": self._sensors,
             **{name: partial(self._estimate, name) for name in NO_ESTIMATES},
             **self._of_drives,

@@ -40,7 +40,7 @@ NO_SERIES = frozenset(
             "gusts",
         ),
         *("hold_times", "impacts", "impulses", "motor_times"),
-        *("back", "input_limits", "joint_limits", "walls", "wheels"),
+        *("input_limits", "joint_limits", "sensor_delays", "sensor_rates", "walls", "wheels"),
     }
 )
 # Fields of a flight in which nothing estimates the state.
@@ -137,7 +137,9 @@ class Flight:
     `hard_impacts` are sentences on impacts at walls for which the steps were too long.
     `sensors` (s, m) are the last readings of the robot's sensors at each sample, by `sensor_names`
     and `sensor_units`, as `SensorSuite` describes them; NaN before the first reading, and (s, 0)
-    without sensors. `sensor_frames` (m) are the frames at which they are, "" of those at none.
+    without sensors. `sensor_frames` (m) are the frames at which they are, "" of those at none, and
+    `sensor_rates` and `sensor_delays` (m) how often they are read, Hz, and how late readings come,
+    s; none in files of before flights had them.
     `estimates` (s, nq + nv + e) are those of a filter at each sample: q, v, and loads and biases
     by `estimate_names` and `estimate_units` (e). `estimate_errors` (s, nd + nv) are displacements
     from estimates to q, and differences to v; `estimate_deviations` (s, nd + nv + e) what it takes
@@ -238,6 +240,8 @@ class Flight:
     sensor_names: tuple[str, ...] = ()
     sensor_units: tuple[str, ...] = ()
     sensor_frames: tuple[str, ...] = ()
+    sensor_rates: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    sensor_delays: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     sensors: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     estimate_names: tuple[str, ...] = field(default=(), repr=False)
     estimate_units: tuple[str, ...] = field(default=(), repr=False)
