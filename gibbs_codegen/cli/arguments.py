@@ -196,7 +196,11 @@ def _number(text: str, what: str = "a finite number", least: float = -math.inf) 
 def _prior(text: str) -> tuple[str, float]:
     name, equals, share = text.rpartition("=")
     number = share if not equals or (name and share) else text
-    return name or "*", _number(number, "SHARE or NAME=SHARE, above 0", math.ulp(0.0))
+    return name or "*", _positive(number, "SHARE or NAME=SHARE, above 0")
+
+
+def _positive(text: str, what: str = "above 0") -> float:
+    return _number(text, what, math.ulp(0.0))
 
 
 def _not_negative(text: str) -> float:
@@ -387,9 +391,7 @@ def _identify(parser: Parser) -> None:
     parser.add("logs", "LOG", meaning, nargs="*", default=[])
     _add_names(parser)
     meaning = "part of LOG to use, s, such as the time in the air (default: all)"
-    parser.add(
-        "--between", ("BEGIN", "END"), meaning, type=_number, nargs=2, default=(0.0, math.inf)
-    )
+    parser.add("--between", ("BEGIN", "END"), meaning, type=_number, nargs=2)
     parser.add(
         *("--free", "PATTERN"),
         "parameters to estimate, such as forearm_mass or '*_com_?'; rotors.drag is one number "
@@ -405,17 +407,17 @@ def _identify(parser: Parser) -> None:
     parser.add("--prior", "SHARE", meaning, type=_prior, action="append", default=[])
     meaning = "share of each log, at its end, kept for testing the predictions (default: 0)"
     parser.add("--hold-out", "SHARE", meaning, type=_not_negative, default=0.0)
-    meaning = "folder for robot file and report, which must not exist yet"
-    parser.add("--out", "DIR", meaning, default="identified")
+    meaning = "folder for robot file and report, which must not exist yet (default: identified)"
+    parser.add("--out", "DIR", meaning)
     parser.add(
         *("--design", "FILE"),
         "read no LOG; write a scenario whose motion identifies the parameters, and print the "
         "expected standard deviations; FILE must not exist yet",
     )
-    meaning = "scenario file with everything but the motion of --design (default: 12 s with an IMU)"
+    meaning = "scenario file with everything but the motion of --design (default: 12 s)"
     parser.add("--scenario", "FILE", meaning)
     meaning = "how far the motion of --design takes the base along each axis, m (default: 1)"
-    parser.add("--room", "M", meaning, type=_number, default=1.0)
+    parser.add("--room", "M", meaning, type=_positive)
 
 
 @_command("write a flight as a log of ROS 2 or PX4")

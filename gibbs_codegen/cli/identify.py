@@ -6,6 +6,7 @@ With `--design` a scenario whose motion will tell them.
 from __future__ import annotations
 
 import argparse
+import math
 import shlex
 import sys
 
@@ -23,14 +24,17 @@ from gibbs_codegen.runtime.load import load
 @terminal.ended_by_signals()
 def run(options: argparse.Namespace) -> int:
     """Identify the numbers, write robot file and report, and print the report; or design."""
-    names, place = changes_of(options.name), options.design or options.out
+    names, place = changes_of(options.name), options.design or options.out or "identified"
     check_new(place)
-    check_given(options.logs, options.hold_out, options.between)
+    between = options.between or (0.0, math.inf)
+    check_given(options.logs, options.hold_out, between)
     prior = {"*": PRIOR} | dict(options.prior)
     if bool(options.logs) == bool(options.design):
         raise UsageError("give LOG, or --design FILE for a motion to fly, and not both")
-    if not options.room > 0.0:
-        raise UsageError(f"--room must be above 0, but is {options.room:g}")
+    others = ("scenario", "room") if options.logs else ("out", "hold_out", "between", "name")
+    if given := [f"--{key.replace('_', '-')}" for key in others if vars(options)[key]]:
+        kind = "LOG" if options.logs else "--design"
+        raise UsageError(f"{', '.join(given)}: does not go with {kind}; leave out one of them")
     # What a load changes, and places of frames, may be 0 in the file.
     zero = any(pattern.startswith(("payload.", "frame_")) for pattern in options.free)
 
@@ -50,20 +54,17 @@ def run(options: argparse.Namespace) -> int:
     )
     with found as (folder, _), terminal.progress_bar() as progress:
         module, free = load(folder, "c"), options.free
-        settled = True
-        made: Design | Identified
         if options.design:
-            limits = options.scenario, options.room
-            made = design(module, free, *limits, prior=prior, progress=progress)
+            limits = options.scenario, options.room or 1.0
+            made: Design | Identified = design(module, free, *limits, prior, progress=progress)
+            words = ["gibbs-codegen", "simulate", options.robot, "--scenario", str(place)]
+            has, settled = f"fly it with `{printable(shlex.join(words), 4000)}`", True
         else:
-            settings = free, prior, options.hold_out, names, options.between
+            settings = free, prior, options.hold_out, names, between
             made = identify(module, options.logs, *settings, progress)
             settled = made.settled
+            has = f"has {module.NAME}.toml, report.html" if settled else "has report.html alone"
         made.write(place)
-    words = ["gibbs-codegen", "simulate", options.robot, "--scenario", str(place)]
-    has = f"fly it with `{printable(shlex.join(words), 4000)}`"
-    if not options.design:
-        has = f"has {module.NAME}.toml, report.html" if settled else "has report.html alone"
     print(f"{made.text()}\n{printable(place)}: {has}")
     if not settled:
         fault = f"{module.NAME}: the fit did not converge, so no robot file is written"

@@ -33,9 +33,10 @@ from gibbs_codegen.flight.vectors import Array
 from gibbs_codegen.identification.identify import Progress, identifiable, imus_of, model_of, unseen
 from gibbs_codegen.identification.model import Model
 from gibbs_codegen.identification.recorded import Readings, flight_recordings
-from gibbs_codegen.identification.report import as_text
+from gibbs_codegen.identification.report import as_text, number_row
 from gibbs_codegen.identification.smoothing import Smoother
 from gibbs_codegen.identification.unknowns import PRIOR, Prior, Unknowns
+from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.robot.text import toml_lines
 
 _log = logging.getLogger("gibbs_codegen")
@@ -48,10 +49,14 @@ _FLIGHT: dict[str, Any] = {
     "integration": {"method": "rk4", "step": 0.0025, "rate": 200},
     "sensors": {"encoders": [{"rate": 100, "resolution": 1.5e-3}]},
 }
-_FLYING: dict[str, Any] = {
-    "base": {"path": {"kind": "fixed", "position": [0, 0, 2]}},
+# What is read of a base that moves, and where it begins if it can.
+_MOVING: dict[str, Any] = {
     "sensors.imu": [{"rate": 200, "accelerometer_noise": 0.007, "gyroscope_noise": 0.0007}],
+    "sensors.pose": [{"rate": 100, "position_noise": 0.001, "attitude_noise": 0.005}],
 }
+_HIGH: dict[str, Any] = {"base.path": {"kind": "fixed", "position": [0, 0, 2]}}
+# What leads an arm in place of moves.
+_LED = "tip", "tip_in_base", "tip_beside_base", "frames", "guess", "guess_deg"
 # Rest at both ends, time from point to point, and how long a turn takes, s.
 _REST, _PIECE, _TURN = 0.2, 0.6, 2.0
 # How far joints without limits move, rad or m, and shares of limits that are used.
@@ -84,10 +89,7 @@ class Design:
 
     def text(self) -> str:
         """Say it as a table in text."""
-        rows = [
-            (name, f"{value:.5g}", f"{s:.2g}", f"{100 * s / abs(value):.2g} %" if value else "")
-            for name, value, s in zip(self.names, self.before, self.deviations, strict=True)
-        ]
+        rows = [number_row(*x) for x in zip(self.names, self.before, self.deviations, strict=True)]
         heads = ("number", "robot file", "± expected", "of it")
         listed = [(words,) for words in self.unseen] or [("Nothing.",)]
         sections = [(f"{self.robot}, before it moves, in SI units", heads, rows)]
@@ -122,7 +124,8 @@ def design(
         robot: The robot, as of `identify`.
         free: Numbers to identify, as for `identify`.
         scenario: A scenario file, or its tables: from it law, sensors, duration, limits and the
-            place where the motion begins are taken. By default 12 s with an IMU and encoders.
+            place where the motion begins are taken. By default 12 s with encoders and, of a base
+            that moves, an IMU and motion capture.
         room: How far the base may go from where it begins along each axis, m.
         prior: Standard deviations of the robot file's numbers, as for `identify`.
         tries: How many motions are flown in simulation.
@@ -149,27 +152,29 @@ def design(
     slopes, whole = unknowns.slopes(z), experiment.covariance(best)[:f, :f]
     covariance = slopes @ whole @ slopes.T
     deviations = np.sqrt(np.diag(covariance))
-    lines = [
-        f"# A motion that identifies these numbers of {module.NAME}; expected standard deviations:"
-    ]
-    lines += [f"# {n} ± {s:.2g}" for n, s in zip(unknowns.names, deviations, strict=True)]
     tables, names = experiment.tables_of(best), tuple(unknowns.names)
+    lines = [f"# A motion for these numbers of {module.NAME}, with expected standard deviations:"]
+    lines += [f"# {name} ± {s:.2g}" for name, s in zip(names, deviations, strict=True)]
     lines += toml_lines({key: x for key, x in tables.items() if not isinstance(x, Mapping)})
     for key, table in tables.items():
         lines += ["", f"[{key}]", *toml_lines(table)] if isinstance(table, Mapping) else []
     words, text = unseen(unknowns, whole, slopes), "\n".join([*lines, ""])
-    return Design(module.NAME, names, unknowns.values(z), deviations, covariance, words, text)
+    return Design(module.NAME, names, unknowns.before(), deviations, covariance, words, text)
 
 
 def _tables(module: ModuleType, scenario: Any) -> dict[str, Any]:
     """Tables of the scenario in which a motion takes the place of that of base and arm."""
     if scenario is None:
-        flies = {"x", "y", "z"} <= {*module.COORDINATES}
-        return merged(_FLIGHT, nested(_FLYING if flies else {}))
+        layout = Layout.of_module(module)
+        high = _HIGH if 2 in layout.own_axes[0] else {}
+        return merged(_FLIGHT, nested(high | (_MOVING if layout.q.base else {})))
     read_scenario(scenario)  # It refuses what is no scenario, with its lines.
     if not isinstance(scenario, Mapping):
         scenario = tomllib.loads(text_of(os.fspath(scenario), "scenarios", ScenarioFileError)[0])
-    return merged({}, nested(scenario))
+    tables = merged({}, nested(scenario))
+    for key in _LED:
+        tables.get("arm", {}).pop(key, None)
+    return tables
 
 
 class _Experiment:
@@ -184,27 +189,30 @@ class _Experiment:
         self.module, self.unknowns, self._tables, self._room = module, unknowns, tables, room
         start = flight_start(module, read_scenario(tables), lambda what, share: None, False)
         vehicle, actuators = start.loop.vehicle, start.loop.actuators
-        flies, base = vehicle.layout.moves_freely, start.scenario.base
         duration, self._begin = start.scenario.duration, start.q[vehicle.arm]
         count = max(1, round((duration - 2 * _REST) / _PIECE) - 1)
         self._times = np.linspace(_REST, duration - _REST, count + 2).round(2)
         self._at = base_path(vehicle, start.scenario)(0.0)[0]
-        moving = [axis for axis, name in enumerate("xyz") if name in module.COORDINATES]
-        self._axes = moving if flies or base is not None else []
+        self._axes = vehicle.layout.own_axes[0] if vehicle.rotors else []
         self._joints = [k for k in range(vehicle.joints) if actuators.efforts[k] > 0.0]
         self._names, self._rates = vehicle.joint_names, actuators.velocities
         self._revolute = [unit == "rad" for unit in module.COORDINATE_UNITS[vehicle.arm]]
         far = np.where(self._revolute, _FAR, _FAR_ALONG)
         ends = _USED * (actuators.joints - self._begin)
         self._ways = np.where(np.isfinite(ends), ends, [-far, far])
-        # A base that leans turns about the vertical alone.
-        full = bool(vehicle.rotors) and commands_all(vehicle, start.q)
+        flies = bool(vehicle.rotors) and vehicle.layout.moves_freely
         self._turns = 3 * (flies and duration > 2 * _TURN)
-        self._lean = _LEAN * full
+        # A base that leans turns about the vertical alone.
+        self._lean = _LEAN * (flies and commands_all(vehicle, start.q))
         self._count = count
         self._model: Model | None = None
         self._wind: Array | None = None
         self.size = (len(self._axes) + len(self._joints)) * count + self._turns
+        if not self.size:
+            raise UsageError(f"{vehicle.name}: has no rotor and no driven joint to move")
+        if vehicle.layout.q.base and not self._axes:
+            words = "%s: only joints are moved; its base stays, or follows the scenario's base.path"
+            _log.warning(words, vehicle.name)
 
     def tables_of(self, x: Array) -> dict[str, Any]:
         """Tables of the scenario with a motion (size)."""
@@ -220,11 +228,8 @@ class _Experiment:
             changes[f"{table}.{self._names[k]}"] = self._moves(k, row)
         if self._turns:
             axis = [*(self._lean * turn[1:]).round(4).tolist(), 1.0]
-            turned: dict[str, Any] = {
-                "angle_deg": round(_ANGLE * float(turn[0]), 2),
-                "duration": _TURN,
-            }
-            turned |= {"axis": axis, "begin": float(self._times[1])}
+            angle, begin = round(_ANGLE * float(turn[0]), 2), float(self._times[1])
+            turned = {"angle_deg": angle, "duration": _TURN, "axis": axis, "begin": begin}
             changes["base.attitude"] = {"kind": "turn", **turned}
         return merged(self._tables, nested(changes))
 
@@ -254,9 +259,10 @@ class _Experiment:
         if flight.stopped:
             raise UsageError(f"{self.module.NAME}: {flight.stopped}")
         least, most = flight.input_limits
-        span = np.where(np.isfinite(most - least), most - least, np.inf)
-        room = np.minimum(flight.commanded - least, most - flight.commanded)
-        room = np.where(np.isfinite(room), room / span, 1.0)
+        room, span = np.minimum(flight.commanded - least, most - flight.commanded), most - least
+        # Joints that nothing drives have no range, and some inputs no limits.
+        judged = (span > 0.0) & np.isfinite(span)
+        room = np.divide(room, span, out=np.ones_like(room), where=judged)
         sample, place = np.unravel_index(np.argmin(room), room.shape)
         if room[sample, place] < 1.0 - _USED:
             words = (

@@ -30,11 +30,8 @@ def _sections(result: Identified) -> Iterator[Section]:
             "have no deviations, and no robot file is written"
         )
         yield title, ("",), [(words,) for words in result.advice]
-    rows: list[tuple[str, ...]] = []
-    for row in zip(result.names, result.before, result.values, result.deviations, strict=True):
-        name, before, value, deviation = row
-        share = f"{100 * deviation / abs(value):.2g} %" if value else ""
-        rows.append((name, f"{before:.5g}", f"{value:.5g}", f"{deviation:.2g}", share))
+    numbers = zip(result.names, result.before, result.values, result.deviations, strict=True)
+    rows = [number_row(*row) for row in numbers]
     heads: tuple[str, ...] = ("number", "robot file", "identified", "± deviation", "of it")
     if not result.settled:
         heads, rows = (*heads[:2], "where it ended"), [row[:3] for row in rows]
@@ -77,6 +74,13 @@ def _sections(result: Identified) -> Iterator[Section]:
         "them; of accelerations the unexplained share"
     )
     yield title, ("reading", "root mean square"), rows
+
+
+def number_row(name: str, *values: float) -> tuple[str, ...]:
+    """The row of a number: values and a deviation, which is a share of the last of them."""
+    *known, deviation = values
+    share = f"{100 * deviation / abs(known[-1]):.2g} %" if known[-1] else ""
+    return (name, *(f"{x:.5g}" for x in known), f"{deviation:.2g}", share)
 
 
 def text_report(result: Identified) -> str:

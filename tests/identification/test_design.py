@@ -156,6 +156,36 @@ def test_an_arm_on_a_table(tmp_path: Path) -> None:
     assert ratio.max() < 1.4, ratio
 
 
+@pytest.mark.parametrize(
+    ("robot", "numbers", "moved"),
+    [
+        ("cart_pole", ["pole_mass", "cart_mass"], []),
+        pytest.param(  # 8 s.
+            *("planar_quadrotor_arm", ["upper_arm_mass", "base_inertia_yy"], [0, 2]),
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_what_stands_on_rails_or_flies_in_a_plane(robot: str, numbers: list[str], moved) -> None:
+    """Nothing drives the pole, and the plane has a pose that is read with noise."""
+    module = load(robot, backend="c")
+    planned = design(module, numbers, tries=1)
+    scenario = parse_scenario(planned.scenario)
+    if moved:
+        ways = np.ptp(scenario.base.points, axis=0)
+        assert [*np.flatnonzero(ways > 0.1)] == moved
+    fitted = identify(module, simulate(module, scenario), numbers)
+    ratio = fitted.deviations / planned.deviations
+    assert ratio.min() > 0.7, ratio
+    assert ratio.max() < 1.4, ratio
+
+
+def test_without_drives_nothing_moves(tmp_path: Path) -> None:
+    hanging = ARM.replace("effort = 4", "effort = 0").replace("velocity = 2.5\n", "")
+    with pytest.raises(UsageError, match="no driven joint to move"):
+        design(module_of(tmp_path, TABLE + hanging), ["upper_mass_per_length"])
+
+
 def test_a_search_finds_the_edge_of_what_is_allowed() -> None:
     """The least of |x − a|² in a ball is where the way to a leaves it."""
     a = np.array([0.9, -0.6, 0.5, 0.1])
@@ -185,6 +215,16 @@ def test_what_cannot_be_designed_is_refused(tmp_path: Path) -> None:
     for words in ([], [".", "--design", "new.toml"]):
         refused = run("identify", "quadrotor", *words, cwd=tmp_path)
         assert (refused.returncode, "and not both" in refused.stderr) == (2, True)
+    for words, fault in {
+        ". --scenario hover": "--scenario: does not go with LOG",
+        ". --room 2": "--room: does not go with LOG",
+        "--design x --between 1 2 --hold-out 0.2": "--hold-out, --between: does not go with",
+        "--design x --name imu=/a": "--name: does not go with --design",
+        "--design x --out y": "--out: does not go with --design",
+        "--design x --room 0": "--room: must be above 0",
+    }.items():
+        refused = run("identify", "quadrotor", *words.split(), cwd=tmp_path)
+        assert (refused.returncode, fault in refused.stderr) == (2, True), refused.stderr
     refused = run("identify", "quadrotor", ".", "--between", "5", "2", cwd=tmp_path)
     assert (refused.returncode, "2 s, its end, is not after 5 s" in refused.stderr) == (2, True)
     (tmp_path / "there.toml").write_text("")

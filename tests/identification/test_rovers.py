@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from support.emitted import compiled_module
 from support.machines import cart, link
 
-from gibbs_codegen import identify, parse_robot, read_scenario, simulate
+from gibbs_codegen import design, identify, parse_robot, read_scenario, simulate
 from gibbs_codegen.flight.logs.motion import on_base
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
@@ -152,3 +153,16 @@ def test_how_certain_states_are_is_that_of_the_dense_equations(flight, monkeypat
     wider = replace(estimate, covariance=4 * estimate.covariance)
     tilt = 2 * smoother._tilt(estimate) - smoother._tilt(wider)
     np.testing.assert_allclose(tilt, slope, rtol=1e-3, atol=1e-4)
+
+
+def test_a_design_moves_the_arm_and_keeps_the_path(caplog: pytest.LogCaptureFixture) -> None:
+    """Points that it would choose bend next to a stop. The torque of the arm has no limits.
+
+    What leads the tip leads it no more.
+    """
+    module = compiled_module(parse_robot(ROVER))
+    led = {**WAY, "plant": {}, "arm": {"tip": {"kind": "fixed", "position": [0.5, 0, 0.4]}}}
+    planned = tomllib.loads(design(module, ["base_mass", "arm_com_x"], led, tries=1).scenario)
+    assert planned["base"] == WAY["base"]
+    assert planned["arm"].keys() == {"moves_deg"}
+    assert "rover: only joints are moved" in caplog.text
