@@ -145,7 +145,7 @@ def flown(
     """Coordinates, commands and what the IMU feels (runs, samples, ·), without noise."""
     parts, rng = 2, np.random.default_rng(1)
     h = 1.0 / (RATE * parts)
-    model = Model(module, h, [module.FRAMES.index("base")], np.zeros(0))
+    model = Model(module, h, ["base"], np.zeros(0))
     machine, left = model.machine(plant), np.exp(-h)
     gust = WIND * GRAVITY / np.sqrt(2.5) * np.array([1.0, 1.0, np.sqrt(0.5)])
     pull = gust * rng.standard_normal((runs, 3))

@@ -30,7 +30,7 @@ from gibbs_codegen.flight.plant.allocation import commands_all
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import flight_start, simulate
 from gibbs_codegen.flight.vectors import Array
-from gibbs_codegen.identification.identify import Progress, identifiable, imus_of, model_of, unseen
+from gibbs_codegen.identification.identify import Progress, identifiable, model_of, unseen
 from gibbs_codegen.identification.model import Model
 from gibbs_codegen.identification.recorded import Readings, flight_recordings
 from gibbs_codegen.identification.report import as_text, number_row
@@ -272,9 +272,8 @@ class _Experiment:
             )
             raise UsageError(f"{self.module.NAME}: {words}")
         recording = flight_recordings(flight, self.module, flight.scenario)[0]
-        frames = imus_of(self.module, recording)
-        self._model = self._model or model_of(self.module, [recording])
-        smoother = Smoother(self._model, self.unknowns, [Readings(recording, self.module, frames)])
+        model = self._model = self._model or model_of(self.module, [recording])
+        smoother = Smoother(model, self.unknowns, [Readings(recording, self.module, model.imus)])
         times = recording.time[:: smoother.samples]
         estimate, rows = smoother.start(), np.searchsorted(flight.time, times - 1e-9)
         estimate.state |= {"q": flight.q[rows], "v": flight.v[rows]}

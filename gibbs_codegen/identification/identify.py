@@ -13,7 +13,7 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.staging import new_place
-from gibbs_codegen.flight.logs.log import recorded_of
+from gibbs_codegen.flight.logs.log import recorded_of, require_log
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight, flight_file, read_flight
 from gibbs_codegen.flight.vectors import Array
@@ -25,12 +25,13 @@ from gibbs_codegen.identification.recorded import (
     felt_names,
     flight_recordings,
     input_noise,
+    of_robot,
     part_of,
     recordings_of,
     without_spikes,
 )
 from gibbs_codegen.identification.regression import Regression
-from gibbs_codegen.identification.report import html_report, text_report
+from gibbs_codegen.identification.report import as_text, html_report, sections
 from gibbs_codegen.identification.robot_file import with_numbers
 from gibbs_codegen.identification.smoothing import Estimate, Smoother
 from gibbs_codegen.identification.unknowns import PRIOR, Prior, Unknowns
@@ -93,7 +94,7 @@ class Identified:
 
     def text(self) -> str:
         """Say it as a table in text."""
-        return text_report(self)
+        return as_text(sections(self))
 
     def write(self, folder: str | os.PathLike[str]) -> None:
         """Write the robot file, if the fit settled, and the report to a new folder.
@@ -105,10 +106,7 @@ class Identified:
             UsageError: If it is there already.
             OutputError: If it cannot be written; nothing is left.
         """
-        files = {
-            "report.txt": self.text(),
-            "report.html": html_report(self),
-        }
+        files = {"report.txt": self.text(), "report.html": html_report(self)}
         if self.settled:
             files[f"{self.robot}.toml"] = self.robot_file
         with new_place(folder) as new:
@@ -155,18 +153,19 @@ def identify(
         UsageError: If a log or a pattern is not of the robot, or it has loops.
     """
     listed = [logs] if isinstance(logs, Flight | Recording | str | os.PathLike) else [*logs]
+    if not listed:
+        raise UsageError("logs: there is none; give one or more")
     check_given(listed, hold_out, between)
     module = identifiable(robot)
-    read = [part for log in listed for part in _recordings(log, module, names or {})]
-    whole = [without_spikes(recording) for recording in read]
+    whole = [part for log in listed for part in _recordings(log, module, names or {})]
     spans = [slice(*np.searchsorted(log.time, between).tolist()) for log in whole]
-    recordings = [part for log, rows in zip(whole, spans, strict=True) for part in cut(log, [rows])]
+    spanned = zip(whole, spans, strict=True)
+    recordings = [without_spikes(part) for log, rows in spanned for part in cut(log, [rows])]
     if not recordings:
         lasts = ", ".join(f"{log.source} lasts {log.time[-1]:.4g} s" for log in whole)
         words = f"no log has enough samples from {between[0]:g} to {between[1]:g} s; {lasts}"
         raise UsageError(f"between: {words}")
-    unknowns, frames = Unknowns(module, free, prior), imus_of(module, recordings[0])
-    model = model_of(module, recordings)
+    unknowns, model = Unknowns(module, free, prior), model_of(module, recordings)
     if unlike := [r for r in recordings if abs(r.step / model.h - 1.0) > 0.01]:
         raise UsageError(
             f"{unlike[0].source}: has a sample every {unlike[0].step:.4g} s, "
@@ -176,7 +175,7 @@ def identify(
     ends = [round(len(r.time) * (1.0 - hold_out)) for r in recordings]
     used = [part_of(r, slice(end)) for r, end in zip(recordings, ends, strict=True)]
     progress("initial numbers", 0.0)
-    readings = [Readings(r, module, frames) for r in used]
+    readings = [Readings(r, module, model.imus) for r in used]
     blind = {log.blind: log.source for log in readings}
     if len(blind) > 1:
         raise UsageError(
@@ -185,13 +184,13 @@ def identify(
     sources = [*dict.fromkeys(r.source for r in recordings)]
     pairs = zip(recordings, ends, strict=True)
     parts = [part for r, end in pairs for part in cut(r, [slice(end, len(r.time))])]
-    rest = [Readings(r, module, frames) for r in parts]
+    rest = [Readings(r, module, model.imus) for r in parts]
     longest = max(used, key=lambda recording: len(recording.time))
     # From where all is read that is read at all.
     known = np.isfinite(longest.q)
     late = int(np.argmax(known, axis=0)[known.any(axis=0)].max(initial=0))
     late = max(0, min(late, len(longest.q) - _FIRST))
-    first = Readings(part_of(longest, slice(late, late + _FIRST)), module, frames)
+    first = Readings(part_of(longest, slice(late, late + _FIRST)), module, model.imus)
     start = begin = np.zeros(len(unknowns.names))
     if first.blind:  # Where a pose is read, accelerations would take a servo's lag for its damping.
         y, _ = Regression(model, unknowns, [first]).run()
@@ -214,25 +213,27 @@ def identify(
         start = estimate.shared
     if start is begin or estimate.settled or not first.blind:
         smoother, estimate = fitted(readings, start, "all samples")
+    held_out = Regression(model, unknowns, rest) if rest and first.blind else None
     if first.blind and not estimate.settled:
-        return _by_accelerations(Regression(model, unknowns, readings), rest, sources)
+        return _by_accelerations(Regression(model, unknowns, readings), held_out, sources)
     if estimate.settled:
         progress("deviations", 0.0)
         estimate.shared, estimate.covariance = smoother.spread(estimate)
     f = len(unknowns.names)
     prediction = {}
-    if rest and first.blind:
+    if held_out:
         y = np.append(estimate.shared[:f], estimate.shared[f + model.free])
-        prediction = _accelerations_ahead(Regression(model, unknowns, rest), y)
+        prediction = _accelerations_ahead(held_out, y)
     elif rest and estimate.settled:
         held, motion = fitted(rest, estimate.shared, "the part held out", numbers=False)
         if motion.settled:
             prediction = _errors_ahead(held, motion)
-        else:
-            words = "%s: no motion explains the part held out, so nothing is predicted in it"
-            _log.warning(words, ", ".join(sources))
+        if not prediction:
+            why = f"it is shorter than {_AHEAD} s" * motion.settled or "no motion explains it"
+            words = "%s: nothing is predicted in the part held out, because %s"
+            _log.warning(words, ", ".join(sources), why)
     progress("all samples", 1.0)
-    return _by_motion(smoother, estimate, frames, sources, prediction)
+    return _by_motion(smoother, estimate, sources, prediction)
 
 
 def identifiable(robot: ModuleType | str | os.PathLike[str]) -> ModuleType:
@@ -246,16 +247,18 @@ def identifiable(robot: ModuleType | str | os.PathLike[str]) -> ModuleType:
     return module
 
 
-def imus_of(module: ModuleType, recording: Recording) -> tuple[str, ...]:
-    """Frames of the IMUs that a fit reads: one on a base that cannot move says nothing."""
-    stays = module.ATTITUDE == FIXED
-    return tuple(frame for frame in recording.imus if not (stays and frame == "base"))
-
-
 def model_of(module: ModuleType, recordings: Sequence[Recording]) -> Model:
-    """The model of a robot for recordings with the steps and the IMUs of the first."""
-    places = [module.FRAMES.index(frame) for frame in imus_of(module, recordings[0])]
-    return Model(module, recordings[0].step, places, input_noise(recordings, module))
+    """The model of a robot for recordings, with the steps of the first and IMUs that all have.
+
+    One on a base that cannot move says nothing.
+    """
+    frames = [frame for frame in recordings[0].imus if all(frame in r.imus for r in recordings)]
+    frames = [frame for frame in frames if frame != "base" or module.ATTITUDE != FIXED]
+    for source, frame in dict.fromkeys((r.source, frame) for r in recordings for frame in r.imus):
+        if frame not in frames:
+            words = "%s: identify does not use its IMU at %s: it cannot move, or other logs lack it"
+            _log.warning(words, source, frame)
+    return Model(module, recordings[0].step, frames, input_noise(recordings, module))
 
 
 def check_given(logs: Sequence[Log], hold_out: float, between: tuple[float, float]) -> None:
@@ -265,13 +268,13 @@ def check_given(logs: Sequence[Log], hold_out: float, between: tuple[float, floa
     if not between[0] < between[1]:
         raise UsageError(f"between: {between[1]:g} s, its end, is not after {between[0]:g} s")
     for log in logs:
-        if isinstance(log, str | os.PathLike) and not Path(log).exists():
-            raise UsageError(f"{printable(log)}: does not exist; give a log")
+        if isinstance(log, str | os.PathLike) and flight_file(log) is None:
+            require_log(log)
 
 
 def _recordings(log: Log, module: ModuleType, names: Mapping[str, str | float]) -> list[Recording]:
     if isinstance(log, Recording):
-        return [log]
+        return [of_robot(log, Vehicle(module))]
     if isinstance(log, Flight):
         return flight_recordings(log, module, log.scenario)
     source = printable(Path(log).name)
@@ -288,32 +291,22 @@ def _accelerations_ahead(held: Regression, y: Array) -> dict[str, tuple[float, f
 
 
 def _by_accelerations(
-    regression: Regression, ahead: Sequence[Readings], sources: Sequence[str]
+    regression: Regression, held: Regression | None, sources: Sequence[str]
 ) -> Identified:
     """What accelerations alone tell, and how well they are predicted where they were held out."""
     y, settled = regression.run()
     unknowns, covariance = regression.unknowns, regression.covariance(y)
     left, delay = regression.misses(y), float(np.sqrt(covariance[-1, -1]))
     shares = np.sqrt(np.mean(left**2, axis=0) / np.mean(regression.measured**2, axis=0))
-    prediction = {}
-    if ahead:
-        prediction = _accelerations_ahead(Regression(regression.model, unknowns, ahead), y)
-    return _identified(
-        unknowns,
-        y[:-1],
-        covariance[:-1, :-1],
-        settled,
-        dict(zip(regression.names, shares.tolist(), strict=True)),
-        {_LATE: (float(y[-1]), delay)},
-        sources,
-        prediction,
-    )
+    residuals = dict(zip(regression.names, shares.tolist(), strict=True))
+    others, whole = {_LATE: (float(y[-1]), delay)}, covariance[:-1, :-1]
+    errors = _accelerations_ahead(held, y) if held else {}
+    return _identified(unknowns, y[:-1], whole, settled, residuals, others, sources, errors)
 
 
 def _by_motion(
     smoother: Smoother,
     estimate: Estimate,
-    frames: Sequence[str],
     sources: Sequence[str],
     prediction: Mapping[str, tuple[float, float]],
 ) -> Identified:
@@ -329,7 +322,7 @@ def _by_motion(
     names = [name for name, _ in smoother.model.layout.displacements]
     joints = {*names[smoother.model.layout.displaced.joints]}
     names = [f"joint, {name}" if name in joints else f"pose, along {name}" for name in names]
-    felt = felt_names(frames)
+    felt = felt_names(smoother.model.imus)
     names += felt
     labels = ["drag of the base, N s/m"] * smoother.model.free
     labels += [_LATE] * smoother.late

@@ -41,7 +41,7 @@ class MachineNumbers(NamedTuple):
 
 
 class Model:
-    """Steps of `h`, s, of a module's machine, with IMUs at some of its frames, by their numbers.
+    """Steps of `h`, s, of a module's machine, with `imus` at some of its frames, by their numbers.
 
     A state has coordinates q (nq), velocities v (nv), states x (nx) of actuators, and a pull. Of a
     base that moves freely it is that of the wind (3), m/s², world axes: times the whole mass it is
@@ -50,8 +50,8 @@ class Model:
     Steps are made of substeps, as short as its `fastest` rate, 1/s, wants.
     """
 
-    def __init__(self, module: ModuleType, h: float, imus: Sequence[int], noise: Array) -> None:
-        robot, self.vehicle = Functions(module), Vehicle(module)
+    def __init__(self, module: ModuleType, h: float, imus: Sequence[str], noise: Array) -> None:
+        robot, self.vehicle, self.imus = Functions(module), Vehicle(module), (*imus,)
         self.module, self.h, self.layout, self.noise = module, h, robot.layout, noise
         self.free = robot.layout.moves_freely
         self.nd, self.nv = robot.space.displacements, robot.space.velocities
@@ -108,7 +108,7 @@ class Model:
         outputs = {name: substeps[-1][name] for name in _NEXT}
         gravity = variable("gravity", 3, uniform=True)
         motion = SensedMotion(robot, q, v, substeps[1]["a"], zeros(robot.frames, 6), gravity)
-        felt = (imu(motion, SensorAt("imu", frame, ())) for frame in imus)
+        felt = (imu(motion, SensorAt("imu", module.FRAMES.index(at), ())) for at in imus)
         outputs["felt"] = join(zeros(0), *felt)
         self._step = Program("identification", (*inputs, gravity), outputs)
         self._robot, self._program = robot, compile_program(self._step, module)

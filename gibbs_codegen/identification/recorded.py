@@ -6,7 +6,7 @@ import logging
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain, pairwise
+from itertools import chain
 from types import ModuleType
 from typing import Any
 
@@ -16,6 +16,7 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation, Slerp
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.arguments import real
 from gibbs_codegen.flight.logs.cdr import times_of
 from gibbs_codegen.flight.logs.motion import base_motion, imus, new_readings, on_base, poses, unread
 from gibbs_codegen.flight.logs.reading import (
@@ -23,9 +24,12 @@ from gibbs_codegen.flight.logs.reading import (
     Samples,
     cleaned,
     common_time,
+    gaps,
+    known_attitudes,
     listed,
     listed_gaps,
     motion_of,
+    of_base,
     tell_gaps,
     title,
 )
@@ -96,7 +100,7 @@ class Recording:
                 f"{self.source}: has {len(self.time)} samples and needs {_LEAST}; record for "
                 "longer, or more often"
             )
-        if np.ptp(steps) > _UNEVEN * np.median(steps):
+        if not np.ptp(steps) < _UNEVEN * np.median(steps):
             late = self.time[int(np.abs(steps - np.median(steps)).argmax())]
             raise UsageError(
                 f"{self.source}: its samples are not evenly spaced at {late:.6g} s (a gap, or a "
@@ -112,6 +116,32 @@ class Recording:
     def step(self) -> float:
         """The time from sample to sample, s."""
         return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
+
+
+def of_robot(recording: Recording, vehicle: Vehicle) -> Recording:
+    """A recording with arrays, if shapes, frames and attitudes are those of a robot.
+
+    Raises `UsageError` otherwise.
+    """
+    source, module, count = recording.source, vehicle.module, len(recording.time)
+    if unknown := [frame for frame in recording.imus if frame not in module.FRAMES]:
+        words = f"{source}: imus: {module.NAME} has no frame {', '.join(unknown)}"
+        raise UsageError(f"{words}; its frames are {', '.join(module.FRAMES)}")
+
+    def taken(what: str, values: Array, columns: Sequence[str]) -> Array:
+        wanted = f"rows of {', '.join(columns)}, one for each time"
+        return real(f"{source}: {what}", values, wanted, (count, len(columns)))
+
+    time = real(f"{source}: time", recording.time, "a list of times, s", (count,))
+    q = taken("q", recording.q, module.COORDINATES)
+    if vehicle.layout.is_quaternion:
+        turned = q[:, vehicle.layout.q.attitude]
+        if (wrong := np.isnan(known_attitudes(turned)) & np.isfinite(turned)).any():
+            words = f"{source}: q: at {time[wrong.any(axis=1)][0]:.6g} s the attitude is no unit"
+            raise UsageError(f"{words} quaternion; NaN says that it was not read")
+    felt = {f: taken(f"imus: {f}", x, felt_names([f])) for f, x in recording.imus.items()}
+    commands = taken("commands", recording.commands, vehicle.commands)
+    return Recording(time, commands, q, felt, source)
 
 
 def part_of(recording: Recording, rows: slice) -> Recording:
@@ -160,14 +190,19 @@ def flight_recordings(flight: Flight, module: ModuleType, source: str) -> list[R
     if not flight.control_rate:  # Laws that act at all times go on between samples.
         commands = np.concatenate([0.5 * (commands[1:] + commands[:-1]), commands[-1:]])
     sensor, *placed = _placed(flight, vehicle)
-    q, read = flight.q.copy(), [f"{name}_" for name in imus(flight)]
+    q, by_frame = flight.q.copy(), dict[str, tuple[str, Array]]()
+    for name, (frame, values) in imus(flight).items():
+        by_frame.setdefault(frame, (name, values))
+    kinds = "acceleration", "angular_velocity"
+    read = [f"{name}_{kind}_" for name, _ in by_frame.values() for kind in kinds]
     read += [f"{sensor}_{what}_" for what in ("position", "x_axis", "y_axis") if sensor]
     encoders = defaultdict[str, dict[int, int]](dict)
     for k, reading in enumerate(flight.sensor_names):
         ends = [name for name in flight.coordinates if reading.endswith(f"_{name}")]
         if ends and flight.sensor_frames[k] == "":
             joint = max(ends, key=len)  # Of the joints "arm" and "fore_arm" the latter.
-            encoders[reading.removesuffix(joint)][flight.coordinates.index(joint)] = k
+            if (place := flight.coordinates.index(joint)) not in chain(*encoders.values()):
+                encoders[reading.removesuffix(joint)][place] = k
     for places in encoders.values():
         q[:, [*places]] = new_readings(flight, [*places.values()])
         read += [flight.sensor_names[k] for k in places.values()]
@@ -176,18 +211,16 @@ def flight_recordings(flight: Flight, module: ModuleType, source: str) -> list[R
     if exact := exact + ["joints"] * (len({*chain(*encoders.values())}) < vehicle.joints):
         words = "%s: no sensor reads the %s; taken without noise"
         _log.warning(words, source, " and ".join(exact))
-    if rest := unread(flight, read):
-        _log.warning("%s: identify does not use its readings %s", source, rest)
 
     def known(values: Array) -> Samples:
-        samples = Samples(stamps, values)
-        return samples.rows(np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+        rows = np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+        return Samples(stamps, values).rows(rows)
 
     joints = {name: known(q[:, flight.coordinates.index(name)]) for name in vehicle.joint_names}
     sent = {name: known(c) for name, c in zip(vehicle.commands, commands.T, strict=True)}
-    felt = {frame: known(values) for frame, values in imus(flight).values()}
-    position, attitude = map(known, placed)
-    log = Recorded(position, attitude, None, None, joints, {}, {}, (), felt, sent)
+    felt = {frame: known(values) for frame, (_, values) in by_frame.items()}
+    (position, attitude), rest = map(known, placed), unread(flight, read)
+    log = Recorded(position, attitude, None, None, joints, {}, {}, (), felt, sent, rest)
     if not (recordings := recordings_of(vehicle, log, source)):
         raise UsageError(
             f"{source}: no part of it has {_LEAST} samples; sample it more often, or fly for longer"
@@ -209,15 +242,10 @@ def _placed(flight: Flight, vehicle: Vehicle) -> tuple[str, Array, Array]:
     if not sensors:
         return "", base.position, base.quaternion
     name, (frame, position, quaternion) = min(sensors, key=lambda x: np.isnan(x[1][2]).all())
-    mounted = mounts[frame]
-    attitude, known = Rotation.from_quat(base.quaternion), np.isfinite(quaternion)
-    if known.any():
-        attitude = Rotation.from_quat(np.where(known, quaternion, base.quaternion))
-        attitude *= Rotation.from_matrix(mounted[:3, :3]).inv()
-        turned = np.where(known, attitude.as_quat(), np.nan)
-    else:
-        turned = base.quaternion
-    return name, position - attitude.apply(mounted[:3, 3]), turned
+    if np.isnan(quaternion).all():
+        turned = Rotation.from_quat(base.quaternion) * Rotation.from_matrix(mounts[frame][:3, :3])
+        quaternion = turned.as_quat()
+    return name, *of_base(position, quaternion, mounts[frame])
 
 
 def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recording]:
@@ -226,6 +254,8 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
     Readings are taken at times of the grid at which there is one within half a step; of IMUs and
     commands means. Raises `UsageError` where it does not tell what was commanded.
     """
+    if log.unread:
+        _log.warning("%s: identify does not use its readings %s", source, log.unread)
     sent = {**({} if vehicle.is_driven else log.inputs), **log.commands}
     if lacking := [name for name in vehicle.commands if name not in sent]:
         raise UsageError(
@@ -280,17 +310,13 @@ def recordings_of(vehicle: Vehicle, log: Recorded, source: str) -> list[Recordin
     commands = np.stack([_held(series["u", u], grid, 2 * half) for u in vehicle.commands], axis=1)
     felt = {f: _means(series["imu", f], grid - half, 2 * half) for f in log.imus}
     # Where commands have gaps nobody knows what acted.
-    gaps: dict[tuple[int, int], list[str]] = defaultdict(list)
-    for name in vehicle.commands:
-        for gap in pairwise(series["u", name].time.tolist()):
-            if gap[1] - gap[0] > _GAP * 1e9:
-                gaps[gap].append(name)
-    parts, first = list[slice](), 0
-    if gaps:
-        names = ", ".join(dict.fromkeys(chain(*gaps.values())))
+    torn = {name: gaps(series["u", name].time, _GAP * 1e9) for name in vehicle.commands}
+    pairs, parts, first = np.unique(np.concatenate([*torn.values()]), axis=0), list[slice](), 0
+    if len(pairs):
+        names = ", ".join(name for name, of_command in torn.items() if len(of_command))
         words = "%s: commands of %s are not known for %s; the log is cut there"
-        _log.warning(words, source, names, listed_gaps(np.array(sorted(gaps)) - begin))
-    for last, again in sorted(gaps):
+        _log.warning(words, source, names, listed_gaps(pairs - begin))
+    for last, again in pairs.tolist():
         parts.append(slice(first, int(np.searchsorted(grid, last))))
         first = max(first, int(np.searchsorted(grid, again)))
     whole = Recording(time, commands, q, felt, source)
@@ -556,8 +582,6 @@ class Readings:
         known = np.isfinite(q)
         lacking = known.sum(axis=0) < _LEAST_READINGS
         self.blind = bool(layout.moves_freely and frames and lacking[layout.q.base].all())
-        if not {*frames} <= {*recording.imus}:
-            raise UsageError(f"{recording.source}: has no IMU at {', '.join(frames)}, as others do")
         if self.blind:
             lacking[layout.q.base] = False
             known[:, layout.q.base] = True

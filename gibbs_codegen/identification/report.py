@@ -22,7 +22,7 @@ _STYLE = (
 Section = tuple[str, Sequence[str], Sequence[tuple[str, ...]]]
 
 
-def _sections(result: Identified) -> Iterator[Section]:
+def sections(result: Identified) -> Iterator[Section]:
     """Titles, headings and rows of tables."""
     if not result.settled:
         title = (
@@ -63,11 +63,8 @@ def _sections(result: Identified) -> Iterator[Section]:
         for name, (x, s) in result.others.items()
     ]
     if rows:
-        yield (
-            "Besides",
-            ("", "value", "± deviation")[: 2 + result.settled],
-            [row[: 2 + result.settled] for row in rows],
-        )
+        told = slice(2 + result.settled)
+        yield "Besides", ("", "value", "± deviation")[told], [row[told] for row in rows]
     rows = [(name, f"{x:.2f}") for name, x in result.residuals.items()]
     title = (
         "Residuals: of readings divided by their deviations, about 1 if the model explains "
@@ -81,11 +78,6 @@ def number_row(name: str, *values: float) -> tuple[str, ...]:
     *known, deviation = values
     share = f"{100 * deviation / abs(known[-1]):.2g} %" if known[-1] else ""
     return (name, *(f"{x:.5g}" for x in known), f"{deviation:.2g}", share)
-
-
-def text_report(result: Identified) -> str:
-    """The report as text."""
-    return as_text(_sections(result))
 
 
 def as_text(sections: Iterable[Section]) -> str:
@@ -104,7 +96,7 @@ def html_report(result: Identified) -> str:
     """The report as a page."""
     parts = [f"<!doctype html><meta charset=utf-8><title>{html.escape(result.robot)}</title>"]
     parts.append(f"<style>{_STYLE}</style>")
-    for title, heads, rows in _sections(result):
+    for title, heads, rows in sections(result):
         parts.append(f"<h2>{html.escape(title)}</h2><table>")
         if any(heads):
             parts.append(_row(heads, "th"))

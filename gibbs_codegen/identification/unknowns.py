@@ -81,8 +81,8 @@ class Unknowns:
 
     def _expected(self, pattern: str, share: float) -> list[int]:
         """Places of numbers that a pattern of the prior chooses: one moment for all of its body."""
-        if not share > 0.0:
-            raise UsageError(f"--prior {pattern}: must be above 0, but is {share:g}")
+        if not 0.0 < share < np.inf:
+            raise UsageError(f"--prior {pattern}: must be above 0 and finite, but is {share:g}")
         chosen = {name for name in self.names if _chooses(pattern, name)}
         if not chosen and pattern != "*":
             words = f"chooses none of the numbers that are free: {', '.join(self.names)}"

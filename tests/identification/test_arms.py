@@ -104,7 +104,7 @@ def test_a_fit_that_does_not_settle_says_so_and_writes_no_robot_file(
     monkeypatch.setattr("gibbs_codegen.cli.identify.identify", lambda *_: found)
     options = {"logs": [str(tmp_path)], "design": None, "out": str(tmp_path / "new"), "name": []}
     options |= {"robot": str(module.__path__[0]), "free": [], "prior": [], "hold_out": 0.0}
-    options |= {"between": (0.0, np.inf), "room": 1.0}
+    options |= {"between": None, "room": None, "scenario": None}
     assert command(argparse.Namespace(**options)) == 1
     assert "did not converge" in capsys.readouterr().err
     assert {path.name for path in (tmp_path / "new").iterdir()} == {"report.txt", "report.html"}

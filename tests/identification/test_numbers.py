@@ -96,6 +96,7 @@ def test_what_cannot_be_free_is_refused(module, free, words) -> None:
     [
         ({"bse_mass": 0.01}, "bse_mass: chooses none"),
         (0.0, "must be above 0"),
+        (np.inf, "must be above 0 and finite, but is inf"),
     ],
 )
 def test_what_is_no_prior_is_refused(module, prior, words) -> None:
@@ -316,7 +317,8 @@ def test_names_are_those_of_the_file_and_what_may_be_zero_keeps_zeros(
         "prior": [],
         "hold_out": 0.0,
         "between": (0.0, np.inf),
-        "room": 1.0,
+        "room": None,
+        "scenario": None,
     }
     options = Namespace(**places, robot=str(tmp_path / "actuated.toml"))
     with pytest.raises(UsageError, match=f"zeros: {zeros}"):

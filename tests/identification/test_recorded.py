@@ -229,6 +229,81 @@ def test_logs_that_lack_what_they_need_are_refused(vehicle, caplog) -> None:
         identify(vehicle.module, part, between=(50.0, 60.0))
 
 
+HOVER = {
+    "duration": 2.1,
+    "integration": {"method": "rk4", "step": 0.01, "rate": 100},
+    "control.rate": 100,
+}
+
+
+def test_of_sensors_that_read_the_same_the_first_counts_and_others_are_named(
+    vehicle, caplog
+) -> None:
+    coarse, imu = {"name": "coarse", "resolution": 0.5}, {"accelerometer_noise": 5.0}
+    sensors = {"imu": [{}, {"name": "imu_2", **imu}], "encoders": [{}, coarse], "pose": [{}]}
+    flight = simulate(vehicle.module, read_scenario("hover", HOVER | {"sensors": sensors}))
+    (part,) = flight_recordings(flight, vehicle.module, "flown")
+    unused = "imu_2_acceleration, imu_2_angular_velocity, coarse_upper_arm, coarse_forearm"
+    assert f"flown: identify does not use its readings {unused}" in caplog.messages
+    assert np.nanstd(part.imus["base"][:, :3], axis=0).max() < 1.0
+    places = [vehicle.module.COORDINATES.index(name) for name in vehicle.joint_names]
+    np.testing.assert_allclose(part.q[:, places], flight.q[: len(part.q), places], atol=1e-9)
+
+
+def test_topics_of_readings_that_are_not_read_are_named(vehicle, caplog) -> None:
+    recorded(vehicle, unread="/imu/cam, /pose")
+    assert caplog.messages == ["flown: identify does not use its readings /imu/cam, /pose"]
+
+
+COUNT = 800
+AT_REST = {
+    "time": 1e-3 * np.arange(COUNT),
+    "commands": np.full((COUNT, 4), 1.5 * 9.81 / 4),
+    "q": np.tile([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], (COUNT, 1)),
+    "imus": {"base": np.tile([0.0, 0.0, 9.81, 0.0, 0.0, 0.0], (COUNT, 1))},
+}
+NO_ATTITUDE = np.where(np.arange(7) < 3, AT_REST["q"], 0.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"time": [AT_REST["time"]] * 2}, "recording: has 2 samples"),
+        ({"time": np.full(COUNT, np.nan)}, "not evenly spaced"),
+        ({"commands": np.zeros((COUNT, 3))}, r"commands: must be rows of F_front_left, .*, 3\)"),
+        ({"q": AT_REST["q"][:, :6].tolist()}, r"q: must be rows of x, y, z, qx, .*\(800, 6\)"),
+        ({"q": AT_REST["q"][1:]}, r"q: must be rows of x, .*\(799, 7\)"),
+        ({"q": NO_ATTITUDE}, "q: at 0 s the attitude is no unit quaternion; NaN says"),
+        ({"imus": {"base": np.zeros((COUNT, 3))}}, r"imus: base: must be rows of .*\(800, 3\)"),
+        ({"imus": {"nose": np.zeros((COUNT, 6))}}, "quadrotor has no frame nose; .* base, camera"),
+    ],
+)
+def test_recordings_that_are_not_of_the_robot_are_refused(change, words) -> None:
+    with pytest.raises(UsageError, match=words):
+        identify(load("quadrotor"), Recording(**(AT_REST | change)))
+
+
+def test_what_a_fit_leaves_out_of_recordings_is_named(caplog) -> None:
+    """An IMU that one log alone has, and 0.2 s to predict; not a spike that is cut off."""
+    module, felt = load("quadrotor", backend="c"), AT_REST["imus"]["base"].copy()
+    felt[100] += 50.0
+    lists = {name: AT_REST[name].tolist() for name in ("time", "commands", "q")}
+    logs = [
+        Recording(**lists, imus={"base": felt.tolist()}, source="first"),
+        Recording(**(AT_REST | {"imus": {"base": felt, "camera": felt}}), source="second"),
+    ]
+    caplog.clear()
+    found = identify(module, logs, ["base_mass"], hold_out=0.33, between=(0.15, 1.0))
+    assert found.settled
+    assert caplog.messages == [
+        "second: identify does not use its IMU at camera: it cannot move, or other logs lack it",
+        "first, second: nothing is predicted in the part held out, because it is shorter than "
+        "0.5 s",
+    ]
+    with pytest.raises(UsageError, match="logs: there is none"):
+        identify(module, [])
+
+
 @pytest.mark.parametrize(
     ("sensors", "exact"),
     [({"pose": [{}]}, "joints"), ({"encoders": [{}], "gps": [{"rate": 25}]}, "attitude")],
@@ -236,11 +311,8 @@ def test_logs_that_lack_what_they_need_are_refused(vehicle, caplog) -> None:
 def test_what_no_sensor_of_a_flight_reads_is_said_to_be_exact(
     vehicle, caplog, sensors, exact
 ) -> None:
-    steps = {"method": "rk4", "step": 0.01, "rate": 100}
-    changes = {"duration": 2.1, "integration": steps, "control.rate": 100, "sensors": sensors}
-    flight_recordings(
-        simulate(vehicle.module, read_scenario("hover", changes)), vehicle.module, "flown"
-    )
+    flight = simulate(vehicle.module, read_scenario("hover", HOVER | {"sensors": sensors}))
+    flight_recordings(flight, vehicle.module, "flown")
     (told,) = (words for words in caplog.messages if "without noise" in words)
     assert told.startswith(f"flown: no sensor reads the {exact}; ")
 

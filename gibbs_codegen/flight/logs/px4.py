@@ -70,9 +70,7 @@ def topics_of(flight: Flight) -> Topics:
         **dict(zip(("vx", "vy", "vz"), north_east_down(base.rates).T, strict=True)),
         **dict(zip(("ax", "ay", "az"), north_east_down(base.growth).T, strict=True)),
         "heading": np.arctan2(forwards[:, 0], forwards[:, 1]),
-        **dict.fromkeys(
-            ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid"), np.ones(count, np.int64)
-        ),
+        **dict.fromkeys((*_VALID["x"], *_VALID["vx"]), np.ones(count, np.int64)),
     }
     exact = np.concatenate([base.specific_force, base.spin], axis=1)
     of_base = [(name, felt) for name, (frame, felt) in imus(flight).items() if frame == "base"]
@@ -134,27 +132,23 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
     """Contents of a ULog, or of tables of one, for a robot, by names other than PX4's own."""
     topics = _logged(path)
 
-    def series(role: str, *alternatives: tuple[str, ...]) -> Samples | None:
+    def series(role: str, *alternatives: tuple[str, ...], spared: bool = True) -> Samples | None:
         """Fields of the topic that has a role, those that it has first of some."""
-        fields = _topic(topics, str(names.get(role, _READ[role])))
+        name, others = str(names.get(role, _READ[role])), ", ".join(sorted(topics)) or "none"
+        fields = _topic(topics, name)
         for keys in alternatives:
             if fields.keys() >= {*keys}:
                 return _samples(fields, keys)
-        return needed(role, *alternatives) if role in names and not fields else None
-
-    def needed(role: str, *alternatives: tuple[str, ...]) -> Samples:
-        """The same of what a flight cannot be without."""
-        name, others = str(names.get(role, _READ[role])), ", ".join(sorted(topics)) or "none"
-        if _topic(topics, name) and (samples := series(role, *alternatives)):
-            return samples
+        if spared and (fields or role not in names):
+            return None
         raise UsageError(
             f"{printable(path)}: has no {printable(name)} that gives the {role} of the base "
             f"by {' or '.join(keys[0] for keys in alternatives)}; name another topic "
             f"(--name {role}=TOPIC); there are {printable(others, 800)}"
         )
 
-    position = needed("position", ("x", "y", "z"), _entries("position"))
-    attitude = needed("attitude", _entries("q", 4))
+    position = series("position", ("x", "y", "z"), _entries("position"), spared=False)
+    attitude = series("attitude", _entries("q", 4), spared=False)
     velocity = series("position", ("vx", "vy", "vz"))
     spin = series("spin", _entries("xyz"), _entries("angular_velocity"), _entries("gyro_rad"))
 
@@ -166,9 +160,8 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
 
     felt = series("imu", (*_entries("accelerometer_m_s2"), *_entries("gyro_rad")))
     motors = _topic(topics, "actuator_motors")
-    shares = {k: (f"control[{k}]",) for k in range(vehicle.rotors)}
-    sent = {k: _samples(motors, key) for k, key in shares.items() if motors.keys() >= {*key}}
-    sent = {k: share for k, share in sent.items() if vehicle.commands[k] not in names}
+    keys = {k: f"control[{k}]" for k in range(vehicle.rotors) if vehicle.commands[k] not in names}
+    sent = {k: _samples(motors, (key,)) for k, key in keys.items() if key in motors}
     named = {name: log for name in vehicle.commands if name in names and (log := of(name, ""))}
     if (outputs := _topic(topics, "actuator_outputs")) and not (sent or named):
         pulses = [_numbers(x) for name, x in outputs.items() if name.startswith("output[")]
@@ -178,8 +171,8 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
     joints = list(enumerate(vehicle.joint_names))
     inputs = [(name, k - vehicle.rotors) for k, name in enumerate(vehicle.inputs)]
     return Recorded(
-        position._replace(values=north_east_down(position.values)),
-        attitude._replace(values=attitude_turned_back(attitude.values)),
+        position and position._replace(values=north_east_down(position.values)),
+        attitude and attitude._replace(values=attitude_turned_back(attitude.values)),
         velocity and velocity._replace(values=north_east_down(velocity.values)),
         spin and spin._replace(values=turned_over(spin.values)),
         {name: series_of for k, name in joints if (series_of := of(name, f"position[{k}]"))},

@@ -73,6 +73,7 @@ class Recorded(NamedTuple):
     they follow from those. Joints and rates by coordinates, and inputs by their names, have values
     (s). `offered` are names of joints that the log has. IMUs by frame have specific force, m/s²,
     and spin (s, 6), and commands by their names what is sent (s), in the units of the robot.
+    `unread` lists other readings of the log.
     """
 
     position: Samples | None
@@ -85,6 +86,7 @@ class Recorded(NamedTuple):
     offered: tuple[str, ...]
     imus: Mapping[str, Samples] = MappingProxyType({})
     commands: Mapping[str, Samples] = MappingProxyType({})
+    unread: str = ""
 
 
 def of_shares(vehicle: Vehicle, shares: Mapping[int, Samples]) -> dict[str, Samples]:
@@ -242,11 +244,16 @@ def common_time(series: Mapping[Any, Samples], source: str) -> tuple[int, int]:
 def tell_gaps(series: Mapping[Any, Samples], source: str, begin: int, then: str) -> None:
     """Warn of each series that is not known for long, in a log that begins at a time, ns."""
     for name, samples in series.items():
-        gaps = np.diff(samples.time)
-        if (long := gaps > _LONG_GAP * np.median(gaps)).any():
-            pairs = np.stack([samples.time[:-1][long], samples.time[1:][long]], axis=1) - begin
+        pairs = gaps(samples.time, _LONG_GAP * float(np.median(np.diff(samples.time))))
+        if len(pairs):
             words = "%s: %s is not known for %s; %s"
-            _log.warning(words, source, title(name), listed_gaps(pairs), then)
+            _log.warning(words, source, title(name), listed_gaps(pairs - begin), then)
+
+
+def gaps(time: NDArray[np.int64], longest: float) -> NDArray[np.int64]:
+    """From when to when (g, 2), ns, nothing is known at times (s), for longer than that, ns."""
+    long = np.diff(time) > longest
+    return np.stack([time[:-1][long], time[1:][long]], axis=1)
 
 
 def listed_gaps(gaps: NDArray[np.int64]) -> str:
@@ -267,6 +274,18 @@ def known_attitudes(quaternions: Array) -> Array:
     with np.errstate(over="ignore"):
         length = np.linalg.norm(quaternions, axis=1, keepdims=True)
     return np.where((length > 0.5) & (length < 2.0), quaternions, np.nan)
+
+
+def of_base(position: Array, quaternion: Array, mounts: Array) -> tuple[Array, Array]:
+    """Poses (s, 3), (s, 4) of the base by those of frames that are mounted on it by (…, 4, 4).
+
+    Of an attitude that is not known, NaN, the position is not known either.
+    """
+    known = np.isfinite(quaternion).all(axis=1, keepdims=True)
+    attitude = Rotation.from_quat(np.where(known, quaternion, [0.0, 0.0, 0.0, 1.0]))
+    attitude *= Rotation.from_matrix(mounts[..., :3, :3]).inv()
+    place = position - attitude.apply(mounts[..., :3, 3])
+    return np.where(known, place, np.nan), np.where(known, attitude.as_quat(), np.nan)
 
 
 def cleaned(series: Mapping[Any, Samples], source: str) -> dict[Any, Samples]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -34,6 +35,7 @@ from gibbs_codegen.flight.logs.reading import (
     Recorded,
     Samples,
     known_attitudes,
+    of_base,
     of_shares,
 )
 from gibbs_codegen.flight.plant.vehicle import Vehicle
@@ -191,6 +193,9 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
                     f"--name {role}=TOPIC takes the types {', '.join(wanted)}; there are {there}"
                 )
             messages[topic] = []
+    alike = {*chain(*(types for _, types in _READ.values()))}
+    others = [topic for topic in sorted(kinds) if not messages.get(topic)]
+    rest = ", ".join(topic for topic in others if kinds[topic].rpartition("/")[2] in alike)
     poses = messages[topics["odometry"]]
     if not poses and vehicle.layout.q.base:
         raise UsageError(
@@ -205,28 +210,21 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         origin = SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0)
         placed = [(origin, origin)] * len(time)
     attitude = known_attitudes(np.array([_entries("xyzw", pose) for _, pose in placed]))
+    position = np.array([_entries("xyz", pose) for pose, _ in placed])
+    if poses and hasattr(poses[0][1], "transform"):
+        where, mounts = f"{printable(path)}: {printable(topics['odometry'])}", on_base(vehicle)
+        frames = _frames([message.child_frame_id for _, message in poses], vehicle, where)
+        if moved := sorted({*frames} - mounts.keys()):
+            words = f"{where} has poses of {', '.join(moved)}, which joints move"
+            raise UsageError(f"{words}; name a topic with poses of the base")
+        position, attitude = of_base(position, attitude, np.array([mounts[f] for f in frames]))
     # Where a message has no attitude yet, nothing else in it is known.
     unknown = 0.0 * attitude[:, :1]
-    position = np.array([_entries("xyz", pose) for pose, _ in placed]) + unknown
-    turned = Rotation.from_quat(np.where(np.isnan(attitude), [0, 0, 0, 1], attitude))
-    posed = poses and hasattr(poses[0][1], "transform")
-    frame = poses[0][1].child_frame_id if posed else BASE
-    if frame in vehicle.frames and frame != BASE:
-        if frame not in (mounted := on_base(vehicle)):
-            raise UsageError(
-                f"{printable(path)}: {printable(topics['odometry'])} has poses of {frame}, which "
-                "joints move; name a topic with poses of the base"
-            )
-        turned *= Rotation.from_matrix(mounted[frame][:3, :3]).inv()
-        attitude = turned.as_quat() + unknown
-        position = position - turned.apply(mounted[frame][:3, 3])
-    elif frame != BASE:
-        words = "%s: poses of %s, which is no frame of %s, are taken as those of the base"
-        _log.warning(words, printable(path), printable(frame), vehicle.name)
     velocity = spin = None
     if poses and hasattr(poses[0][1], "twist"):
         twists = [message.twist.twist for _, message in poses]
         moving = np.array([_entries("xyz", twist.linear) for twist in twists])
+        turned = Rotation.from_quat(np.where(np.isnan(attitude), [0, 0, 0, 1], attitude))
         velocity = Samples(time, turned.apply(moving) + unknown)
         turning = np.array([_entries("xyz", twist.angular) for twist in twists])
         spin = Samples(time, turning + unknown)
@@ -240,7 +238,7 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
     } | efforts
     inputs = [(drive, str(names.get(drive, drive))) for drive in vehicle.inputs]
     return Recorded(
-        Samples(time, position),
+        Samples(time, position + unknown),
         Samples(time, attitude),
         velocity,
         spin,
@@ -248,29 +246,27 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         {joint: states["velocity", name] for joint, name in joints if ("velocity", name) in states},
         {drive: efforts["effort", name] for drive, name in inputs if ("effort", name) in efforts},
         tuple(str(name) for series, name in states if series == "position"),
-        _felt(messages[topics["imu"]], vehicle),
+        _felt(messages[topics["imu"]], vehicle, f"{printable(path)}: {printable(topics['imu'])}"),
         {k: s for k, s in _sent(messages[topics["actuators"]], vehicle).items() if k not in names},
+        printable(rest, 800),
     )
 
 
-def _felt(messages: Sequence[tuple[int, Any]], vehicle: Vehicle) -> dict[str, Samples]:
-    """What IMUs read, by their frames; frames that a robot does not have are its base."""
-    by_frame: dict[str, list[tuple[int, Any]]] = defaultdict(list)
-    for logged, message in messages:
-        frame = message.header.frame_id
-        by_frame[frame if frame in vehicle.frames else BASE].append((logged, message))
-    unknown = {message.header.frame_id for _, message in messages} - {*vehicle.frames, BASE, ""}
-    if unknown:
-        words = printable(", ".join(sorted(unknown)), 200)
-        _log.warning(
-            "imu: the robot has no frame %s; the readings are taken as those of the base", words
-        )
-    felt = dict[str, Samples]()
-    for frame, listed in by_frame.items():
-        pairs = [(message.linear_acceleration, message.angular_velocity) for _, message in listed]
-        rows = [_entries("xyz", force) + _entries("xyz", spin) for force, spin in pairs]
-        felt[frame] = Samples(_times(listed), np.array(rows))
-    return felt
+def _frames(names: Sequence[str], vehicle: Vehicle, where: str) -> list[str]:
+    """Frames of readings by their names; one that a robot does not have is its base."""
+    if unknown := sorted({*names} - {*vehicle.frames, ""}):
+        words = "%s: %s has no frame %s; the readings are taken as those of the base"
+        _log.warning(words, where, vehicle.name, printable(", ".join(unknown), 200))
+    return [name if name in vehicle.frames else BASE for name in names]
+
+
+def _felt(messages: Sequence[tuple[int, Any]], vehicle: Vehicle, where: str) -> dict[str, Samples]:
+    """What IMUs read, by their frames."""
+    frames = _frames([message.header.frame_id for _, message in messages], vehicle, where)
+    pairs = [(message.linear_acceleration, message.angular_velocity) for _, message in messages]
+    rows = [_entries("xyz", force) + _entries("xyz", spin) for force, spin in pairs]
+    samples, at = Samples(_times(messages), np.array(rows)), np.array(frames)
+    return {frame: samples.rows(at == frame) for frame in dict.fromkeys(frames)}
 
 
 def _sent(messages: Sequence[tuple[int, Any]], vehicle: Vehicle) -> dict[str, Samples]:

@@ -17,6 +17,9 @@ from scipy.spatial.transform import Rotation
 
 import gibbs_codegen
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.flight.logs import ros
+from gibbs_codegen.flight.logs.log import recorded_of
+from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight
 from gibbs_codegen.flight.scenario.file import read_scenario
 from gibbs_codegen.flight.simulation import simulate
@@ -134,6 +137,8 @@ def test_imus_of_the_robot_take_the_place_of_the_exact_one(
             assert message.orientation_covariance[0] == -1.0
             force, spin = message.linear_acceleration, message.angular_velocity
             assert np.array_equal(_numbers([force, spin]).ravel(), values[first : first + 6])
+    unread = recorded_of(Vehicle(fast("quadrotor_arm_2link")), tmp_path / "bag", {}).unread
+    assert unread == "/imu/hand, /pose/wrist"
     gibbs_codegen.write_log(flight, tmp_path / "tables", "csv")
     table = np.genfromtxt(tmp_path / "tables" / "sensor_combined_0.csv", delimiter=",", names=True)
     expected = flight.sensors[:, 6:12] * [1.0, -1.0, -1.0, 1.0, -1.0, -1.0]
@@ -150,9 +155,37 @@ def test_imus_of_the_robot_take_the_place_of_the_exact_one(
         gibbs_codegen.read_log(module, tmp_path / "bag", {"odometry": "/pose/wrist"})
     gibbs_codegen.read_log(fast("quadrotor"), tmp_path / "bag", {"imu": "/imu/hand"})
     assert (
-        "imu: the robot has no frame tip; the readings are taken as those of the base"
+        "/imu/hand: quadrotor has no frame tip; the readings are taken as those of the base"
         in caplog.text
     )
+
+
+def test_poses_of_several_frames_in_a_topic_are_each_those_of_its_frame(
+    fast: Modules, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As of a tracker of several bodies: of the base, and of a camera that is pitched on it."""
+    sensors = {"pose": [{"rate": 100}, {"name": "eye", "frame": "camera", "rate": 100}]}
+    changes = {"duration": 0.3, "start": {"offset": [0.1, 0.0, 0.0]}, "sensors": sensors}
+    flight = simulate(fast("quadrotor"), read_scenario("hover", changes))
+    gibbs_codegen.write_log(flight, tmp_path / "bag")
+    read = ros.read_messages
+
+    def together(path: Path, topics: set[str]) -> Any:
+        kinds, messages = read(path, {*topics, "/pose/eye"})
+        both = [*messages["/pose"], *messages.pop("/pose/eye")]
+        return kinds, messages | {"/pose": sorted(both, key=lambda message: message[0])}
+
+    monkeypatch.setattr(ros, "read_messages", together)
+    vehicle = Vehicle(fast("quadrotor"))
+    log = recorded_of(vehicle, tmp_path / "bag", {"odometry": "/pose"})
+    assert log.position is not None
+    assert log.attitude is not None
+    rows = np.searchsorted(np.round(1e9 * flight.time), log.position.time)
+    assert len(rows) > 50
+    pose = vehicle.module.frame_poses(flight.q[rows])[:, 0]
+    np.testing.assert_allclose(log.position.values, pose[:, :3, 3], atol=1e-9)
+    turned = Rotation.from_quat(log.attitude.values).as_matrix()
+    np.testing.assert_allclose(turned, pose[:, :3, :3], atol=1e-9)
 
 
 def test_what_is_in_the_way_is_left_alone(flight: Flight, tmp_path: Path) -> None:
