@@ -193,9 +193,7 @@ def flight_recordings(flight: Flight, module: ModuleType, source: str) -> list[R
     q, by_frame = flight.q.copy(), dict[str, tuple[str, Array]]()
     for name, (frame, values) in imus(flight).items():
         by_frame.setdefault(frame, (name, values))
-    kinds = "acceleration", "angular_velocity"
-    read = [f"{name}_{kind}_" for name, _ in by_frame.values() for kind in kinds]
-    read += [f"{sensor}_{what}_" for what in ("position", "x_axis", "y_axis") if sensor]
+    read = [sensor, *(name for name, _ in by_frame.values())]
     encoders = defaultdict[str, dict[int, int]](dict)
     for k, reading in enumerate(flight.sensor_names):
         ends = [name for name in flight.coordinates if reading.endswith(f"_{name}")]

@@ -237,7 +237,7 @@ HOVER = {
 
 
 def test_of_sensors_that_read_the_same_the_first_counts_and_others_are_named(
-    vehicle, caplog
+    vehicle, caplog, tmp_path
 ) -> None:
     coarse, imu = {"name": "coarse", "resolution": 0.5}, {"accelerometer_noise": 5.0}
     sensors = {"imu": [{}, {"name": "imu_2", **imu}], "encoders": [{}, coarse], "pose": [{}]}
@@ -245,6 +245,8 @@ def test_of_sensors_that_read_the_same_the_first_counts_and_others_are_named(
     (part,) = flight_recordings(flight, vehicle.module, "flown")
     unused = "imu_2_acceleration, imu_2_angular_velocity, coarse_upper_arm, coarse_forearm"
     assert f"flown: identify does not use its readings {unused}" in caplog.messages
+    write_log(flight, tmp_path / "tables", "csv")
+    assert "not written to the tables: readings imu_2_acceleration, imu_2_ang" in caplog.text
     assert np.nanstd(part.imus["base"][:, :3], axis=0).max() < 1.0
     places = [vehicle.module.COORDINATES.index(name) for name in vehicle.joint_names]
     np.testing.assert_allclose(part.q[:, places], flight.q[: len(part.q), places], atol=1e-9)

@@ -18,6 +18,8 @@ from gibbs_codegen.flight.vectors import Array, times, transposed
 
 # Entries of poses that differ by less are the same, rounded.
 _STILL = 1e-9
+# Ends of names of what encoders, IMUs and sensors of poses read.
+_KINDS = "", "_acceleration", "_angular_velocity", "_position", "_x_axis", "_y_axis"
 
 
 @dataclass(frozen=True)
@@ -136,6 +138,7 @@ def on_base(vehicle: Vehicle) -> dict[str, Array]:
 
 
 def unread(flight: Flight, read: Iterable[str]) -> str:
-    """Names of readings of a flight but those whose names begin in some ways, "" if none."""
-    rest = (name for name in flight.sensor_names if not name.startswith((*read,)))
-    return ", ".join(dict.fromkeys(re.sub("_[xyz]$", "", name) for name in rest))
+    """Names of readings of a flight but some, given by them or their sensors', "" if none."""
+    known = {f"{name}{kind}" for name in read for kind in _KINDS}
+    rest = (re.sub("_[xyz]$", "", name) for name in flight.sensor_names if name not in known)
+    return ", ".join(name for name in dict.fromkeys(rest) if name not in known)

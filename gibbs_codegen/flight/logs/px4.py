@@ -113,7 +113,7 @@ def topics_of(flight: Flight) -> Topics:
             **_listed("position", north_east_down(position[new])),
             **_listed("q", turned_attitude(quaternion[new])),
         }
-    if rest := unread(flight, [f"{name}_" for name, _ in (*of_base[:1], *seen)]):
+    if rest := unread(flight, [name for name, _ in (*of_base[:1], *seen)]):
         _log.warning("not written to the tables: readings %s", rest)
     return {topic: {"timestamp": time, **fields} for topic, fields in topics.items()}
 

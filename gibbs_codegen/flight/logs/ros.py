@@ -146,7 +146,7 @@ def topics_of(flight: Flight) -> tuple[Topics, dict[str, NDArray[np.bool_]]]:
         topic = "/pose" if name == "pose" else f"/pose/{name}"
         topics[topic] = _TRANSFORM, _transform(header, frame, position, quaternion)
         new[topic] = known_rows(quaternion)
-    if rest := unread(flight, [f"{name}_" for name in (*imus(flight), *seen)]):
+    if rest := unread(flight, [*imus(flight), *seen]):
         _log.warning("not written to the bag: readings %s", rest)
     return topics, new
 
