@@ -159,6 +159,7 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         return _samples(fields, (field,)) if field in fields else None
 
     felt = series("imu", (*_entries("accelerometer_m_s2"), *_entries("gyro_rad")))
+    felt = felt and felt._replace(values=turned_over(felt.values.reshape(-1, 3)).reshape(-1, 6))
     motors = _topic(topics, "actuator_motors")
     keys = {k: f"control[{k}]" for k in range(vehicle.rotors) if vehicle.commands[k] not in names}
     sent = {k: _samples(motors, (key,)) for k, key in keys.items() if key in motors}
@@ -183,9 +184,7 @@ def read_px4(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         },
         {name: series_of for name, k in inputs if (series_of := of(name, f"effort[{k}]"))},
         tuple(topics),
-        {"base": felt._replace(values=turned_over(felt.values.reshape(-1, 3)).reshape(-1, 6))}
-        if felt
-        else {},
+        {"base": felt} if felt else {},
         of_shares(vehicle, sent) | named,
     )
 

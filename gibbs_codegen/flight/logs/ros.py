@@ -128,15 +128,14 @@ def topics_of(flight: Flight) -> tuple[Topics, dict[str, NDArray[np.bool_]]]:
         topics["/joint_states"] = (_JOINTS, {"header": header, **state})
     if (sensed := imus(flight)) or not np.isnan(flight.gravity):
         exact = np.concatenate([base.specific_force, base.spin], axis=1)
+        # A negative first entry says that there is no attitude.
+        turned = {"orientation_covariance": no_attitude} if sensed else {"orientation": attitude}
         for name, (frame, values) in (sensed or {"imu": (BASE, exact)}).items():
             measured = {
                 "header": {"stamp": stamp, "frame_id": frame},
                 "angular_velocity": _named("xyz", values[:, 3:]),
                 "linear_acceleration": _named("xyz", values[:, :3]),
-                # A negative first entry says that there is no attitude.
-                **(
-                    {"orientation_covariance": no_attitude} if sensed else {"orientation": attitude}
-                ),
+                **turned,
             }
             # Below /imu, so that none takes the place of another topic.
             topic = "/imu" if name == "imu" else f"/imu/{name}"
@@ -195,7 +194,7 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
             messages[topic] = []
     alike = {*chain(*(types for _, types in _READ.values()))}
     others = [topic for topic in sorted(kinds) if not messages.get(topic)]
-    rest = ", ".join(topic for topic in others if kinds[topic].rpartition("/")[2] in alike)
+    rest = [topic for topic in others if kinds[topic].rpartition("/")[2] in alike]
     poses = messages[topics["odometry"]]
     if not poses and vehicle.layout.q.base:
         raise UsageError(
@@ -229,6 +228,8 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         turning = np.array([_entries("xyz", twist.angular) for twist in twists])
         spin = Samples(time, turning + unknown)
     joints = [(joint, names.get(joint, joint)) for joint in vehicle.joint_names]
+    offered = tuple(str(name) for series, name in states if series == "position")
+    rest += [f"the joint {name}" for name in offered if name not in dict(joints).values()]
     # What drives a joint may stand beside its position.
     drives = zip(vehicle.inputs[vehicle.rotors :], joints, strict=False)
     efforts = {
@@ -245,10 +246,10 @@ def read_bag(path: Path, vehicle: Vehicle, names: Mapping[str, str | float]) -> 
         {joint: states["position", name] for joint, name in joints if ("position", name) in states},
         {joint: states["velocity", name] for joint, name in joints if ("velocity", name) in states},
         {drive: efforts["effort", name] for drive, name in inputs if ("effort", name) in efforts},
-        tuple(str(name) for series, name in states if series == "position"),
+        offered,
         _felt(messages[topics["imu"]], vehicle, f"{printable(path)}: {printable(topics['imu'])}"),
         {k: s for k, s in _sent(messages[topics["actuators"]], vehicle).items() if k not in names},
-        printable(rest, 800),
+        printable(", ".join(rest), 800),
     )
 
 

@@ -137,8 +137,13 @@ def test_imus_of_the_robot_take_the_place_of_the_exact_one(
             assert message.orientation_covariance[0] == -1.0
             force, spin = message.linear_acceleration, message.angular_velocity
             assert np.array_equal(_numbers([force, spin]).ravel(), values[first : first + 6])
-    unread = recorded_of(Vehicle(fast("quadrotor_arm_2link")), tmp_path / "bag", {}).unread
-    assert unread == "/imu/hand, /pose/wrist"
+    unread = "/imu/hand, /pose/wrist"
+    for name, joints in (
+        ("quadrotor_arm_2link", ""),
+        ("quadrotor", ", the joint upper_arm, the joint forearm"),
+    ):
+        log = recorded_of(Vehicle(fast(name)), tmp_path / "bag", {})
+        assert log.unread == f"{unread}{joints}"
     gibbs_codegen.write_log(flight, tmp_path / "tables", "csv")
     table = np.genfromtxt(tmp_path / "tables" / "sensor_combined_0.csv", delimiter=",", names=True)
     expected = flight.sensors[:, 6:12] * [1.0, -1.0, -1.0, 1.0, -1.0, -1.0]
