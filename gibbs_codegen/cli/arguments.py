@@ -395,8 +395,8 @@ def _identify(parser: Parser) -> None:
     parser.add(
         *("--free", "PATTERN"),
         "parameters to estimate, such as forearm_mass or '*_com_?'; rotors.drag is one number "
-        "for all rotors, payload.LINK a load on a link; may be repeated (default: all but "
-        "lengths, places of frames and armatures)",
+        "for all rotors, payload.LINK a load on a link; may be repeated (default: what a "
+        "drawing does not tell, such as masses and dampings)",
         action="append",
         default=[],
     )

@@ -58,15 +58,15 @@ def run(options: argparse.Namespace) -> int:
             limits = options.scenario, options.room or 1.0
             made: Design | Identified = design(module, free, *limits, prior, progress=progress)
             words = ["gibbs-codegen", "simulate", options.robot, "--scenario", str(place)]
-            has, settled = f"fly it with `{printable(shlex.join(words), 4000)}`", True
+            has, whole = f"fly it with `{printable(shlex.join(words), 4000)}`", True
         else:
             settings = free, prior, options.hold_out, names, between
             made = identify(module, options.logs, *settings, progress)
-            settled = made.settled
-            has = f"has {module.NAME}.toml, report.html" if settled else "has report.html alone"
+            whole = bool(made.robot_file)
+            has = f"has {module.NAME}.toml, report.html" if whole else "has report.html alone"
         made.write(place)
     print(f"{made.text()}\n{printable(place)}: {has}")
-    if not settled:
-        fault = f"{module.NAME}: the fit did not converge, so no robot file is written"
+    if not whole:
+        fault = made.text().splitlines()[0]
         print(f"{fault}; the report begins with what to do", file=sys.stderr)
-    return int(not settled)
+    return int(not whole)

@@ -11,7 +11,7 @@ from types import ModuleType
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import RobotFileError, UsageError, printable
 from gibbs_codegen.files.staging import new_place
 from gibbs_codegen.flight.logs.log import recorded_of, require_log
 from gibbs_codegen.flight.plant.vehicle import Vehicle
@@ -62,8 +62,7 @@ class Identified:
 
     - `names` (f): numbers that were free, in SI units; `rotors.drag` is that of the first rotor,
       and all others keep their ratios to it
-    - `settled`: whether the fit came to an end. If not, values are no results: deviations are NaN,
-      and there is no robot file; `advice` says what to do
+    - `settled`: whether the fit came to an end. If not, values are no results: deviations are NaN
     - `values`, `deviations` and `before` (f): their values, standard deviations, and those in the
       robot file; `covariance` (f, f) of the values
     - `unseen`: in words what the log cannot tell, or tells no better than the prior
@@ -73,7 +72,8 @@ class Identified:
       of bases that do not move freely the deviations of errors of inputs, N or N m
     - `prediction`: of what was held out, root mean squares of errors after half a second, by the
       numbers of the file and by those identified; empty if nothing was
-    - `robot_file`: text of the robot file with the values
+    - `robot_file`: text of the robot file with the values; empty if the fit did not settle, or no
+      file may have them: then `advice` says what to do
     """
 
     robot: str
@@ -97,7 +97,7 @@ class Identified:
         return as_text(sections(self))
 
     def write(self, folder: str | os.PathLike[str]) -> None:
-        """Write the robot file, if the fit settled, and the report to a new folder.
+        """Write the robot file, if there is one, and the report to a new folder.
 
         Args:
             folder: The folder.
@@ -107,7 +107,7 @@ class Identified:
             OutputError: If it cannot be written; nothing is left.
         """
         files = {"report.txt": self.text(), "report.html": html_report(self)}
-        if self.settled:
+        if self.robot_file:
             files[f"{self.robot}.toml"] = self.robot_file
         with new_place(folder) as new:
             new.mkdir()
@@ -136,8 +136,8 @@ def identify(
         logs: One or more, each a `Flight`, a `Recording`, a path that `simulate` wrote, or a log
             that `read_log` reads.
         free: Patterns of names of parameters, such as `forearm_mass` or `*_com_?`; `rotors.drag` is
-            a number of all rotors alike. By default all but lengths, places of frames and
-            armatures.
+            a number of all rotors alike. By default what a drawing does not tell: masses and
+            their moments, thrusts, drags, lags, dampings, frictions, and servos' stiffnesses.
         prior: Standard deviation of the robot file's numbers, as a share; or by patterns of names,
             of which the last one counts, such as `{"*": 0.5, "base_mass": 0.01}`. Those of a load
             have a wide one of their own.
@@ -157,6 +157,7 @@ def identify(
         raise UsageError("logs: there is none; give one or more")
     check_given(listed, hold_out, between)
     module = identifiable(robot)
+    unknowns = Unknowns(module, free, prior)
     whole = [part for log in listed for part in _recordings(log, module, names or {})]
     spans = [slice(*np.searchsorted(log.time, between).tolist()) for log in whole]
     spanned = zip(whole, spans, strict=True)
@@ -165,7 +166,7 @@ def identify(
         lasts = ", ".join(f"{log.source} lasts {log.time[-1]:.4g} s" for log in whole)
         words = f"no log has enough samples from {between[0]:g} to {between[1]:g} s; {lasts}"
         raise UsageError(f"between: {words}")
-    unknowns, model = Unknowns(module, free, prior), model_of(module, recordings)
+    model = model_of(module, recordings)
     if unlike := [r for r in recordings if abs(r.step / model.h - 1.0) > 0.01]:
         raise UsageError(
             f"{unlike[0].source}: has a sample every {unlike[0].step:.4g} s, "
@@ -365,6 +366,7 @@ def _identified(
         for member in unknowns.members[name][:1]
     }
     contradictions, clauses, robot_file = dict[str, str](), tuple[str, ...](), ""
+    advice = () if settled else _advice(unknowns)
     if settled:
         contradictions = _contradictions(unknowns, z)
         clauses = tuple(
@@ -372,8 +374,10 @@ def _identified(
             for words in unseen(unknowns, whole, slopes)
             if words.partition(":")[0] not in contradictions
         )
-        text = (Path(module.__path__[0]) / "robot.toml").read_text("utf-8")
-        robot_file = with_numbers(text, unknowns.parameters(z), words)
+        try:
+            robot_file = with_numbers(unknowns.text, unknowns.parameters(z), words)
+        except RobotFileError as error:
+            advice = (str(error), "write those numbers that you take into the file by hand")
     return Identified(
         module.NAME,
         source,
@@ -389,7 +393,7 @@ def _identified(
         robot_file,
         tuple(contradictions.values()),
         settled,
-        () if settled else _advice(unknowns),
+        advice,
     )
 
 
@@ -406,7 +410,7 @@ def _contradictions(unknowns: Unknowns, z: Array) -> dict[str, str]:
     """Values that the prior all but excludes, in words, by names."""
     slopes = unknowns.slopes(0.0 * z)
     away = np.abs(slopes @ z) / np.linalg.norm(unknowns.prior * slopes, axis=1)
-    rows = unknowns.names, unknowns.values(0.0 * z), unknowns.values(z), away
+    rows = unknowns.names, unknowns.before(), unknowns.values(z), away
     return {
         name: f"{name}: {value:.4g} is "
         + (f"{value / before:.3g} times" if before else "far from")

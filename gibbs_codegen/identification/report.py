@@ -24,11 +24,11 @@ Section = tuple[str, Sequence[str], Sequence[tuple[str, ...]]]
 
 def sections(result: Identified) -> Iterator[Section]:
     """Titles, headings and rows of tables."""
-    if not result.settled:
-        title = (
-            f"{result.robot}: the fit did not converge. The numbers below are not results: they "
-            "have no deviations, and no robot file is written"
-        )
+    if not result.robot_file:
+        why = "a robot file must not have these numbers"
+        if not result.settled:
+            why = "the fit did not converge. The numbers below are no results, without deviations"
+        title = f"{result.robot}: {why}, and no robot file is written"
         yield title, ("",), [(words,) for words in result.advice]
     numbers = zip(result.names, result.before, result.values, result.deviations, strict=True)
     rows = [number_row(*row) for row in numbers]

@@ -3,8 +3,10 @@
 An unknown z is 0 in the robot file. A number is that of the file times exp(z), and a coordinate of
 a centre of mass is it plus z times the radius of gyration. So what is positive stays so. The
 moments of inertia of a body are free together: z are logarithms of the Cholesky factor of its
-second moments about the centre of mass, so that every z is a body that can be. What a body carries
-is a point: a part of its mass times exp(z) to begin with, anywhere around its origin.
+second moments about the centre of mass, so that every z is a body that can be. A body without
+extent along an axis stays so: of a thin rod one moment is free, of a plate two, and the others
+follow. Static friction keeps its ratio to that at speed where it is not free itself. What a body
+carries is a point: a part of its mass times exp(z) to begin with, anywhere around its origin.
 """
 
 from __future__ import annotations
@@ -12,31 +14,36 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
+from itertools import chain
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, near, printable
+from gibbs_codegen.exchange.welding import composite
 from gibbs_codegen.flight.vectors import Array
+from gibbs_codegen.identification.robot_file import names_by_keys
 from gibbs_codegen.robot.names import default_prefix, frame_prefix
 from gibbs_codegen.robot.parts.base import FIXED
-from gibbs_codegen.robot.parts.body import entries_of, inertia_matrix
+from gibbs_codegen.robot.parts.body import RigidBody, entries_of, inertia_matrix
 from gibbs_codegen.robot.parts.numbers import AXIS_PAIRS, XYZ
+from gibbs_codegen.robot.parts.pose import HERE, vector
 
 # The deviation of the prior, a share, where none is given.
 PRIOR = 0.3
 Prior = float | Mapping[str, float]
 # Free by default: what a drawing does not tell.
 _FREE = re.compile(
-    r"(mass|com_[xyz]|inertia_(xx|yy|zz|xy|xz|yz)|mass_per_length|thrust_\d|drag|time_constant"
-    r"|damping|friction_\w+|servo_(stiffness|damping|delay))$"
+    r"^(?!payload\.).*(mass|com_[xyz]|inertia_(xx|yy|zz|xy|xz|yz)|mass_per_length|drag(_\d+)?"
+    r"|thrust_\d|time_(constant|up|down)|damping|friction_[cv]\w+|servo_(stiffness|delay))$"
 )
 # What numbers of all rotors together are called, and those of what a body carries.
 _ROTORS, _PAYLOAD = "rotors.", "payload"
 # Of a load the mass to begin with, as a share of its body's, and deviations of the prior: of the
 # logarithm of its mass, and of its place, m.
 _LIGHT, _ANY_MASS, _ANYWHERE = 0.1, 1.5, 0.1
-# Share of the trace that is added to second moments of bodies of no extent along an axis.
+# Second moments along an axis, as a share of all, up to which a body has no extent along it.
 _THIN = 1e-9
 _LOWER = np.tril_indices(3, -1)
 # How far, m, frames such as those of IMUs are off, by shares of the prior.
@@ -56,12 +63,18 @@ class Unknowns:
 
     def __init__(self, module: ModuleType, free: Sequence[str], prior: Prior) -> None:
         self.module = module
+        # A robot that is not derived yet has no file beside it.
+        path = Path(*getattr(module, "__path__", ()), "robot.toml")
+        self.text = path.read_text("utf-8") if hasattr(module, "__path__") else ""
         self.file = {name: float(value) for name, value in module.PARAMETERS.items()}
         self.members = self._ties() | {name: (name,) for name in self.file} | self._loads()
+        for name in filter(re.compile(r"\w+_friction_coulomb$").match, self.file):
+            self.members[name] = name, f"{name.removesuffix('coulomb')}static"
+        self._inertias = self._entries()
         self.names = self.chosen(free)
         if not self.names:
             raise UsageError(f"{module.NAME}: no number is free by default; give some (--free)")
-        self._bodies, self._scales = self._bodies_of(), dict[str, float]()
+        self._scales = dict[str, float]()
         places = {f"{frame_prefix(frame)}_{axis}" for frame in module.FRAMES for axis in XYZ}
         for name in self.names:
             if name.startswith(f"{_PAYLOAD}."):
@@ -87,8 +100,8 @@ class Unknowns:
         if not chosen and pattern != "*":
             words = f"chooses none of the numbers that are free: {', '.join(self.names)}"
             raise UsageError(f"--prior {printable(pattern)}: {words}")
-        chosen = chosen.union(*(names for names in self._bodies.values() if chosen & {*names}))
-        return [self.names.index(name) for name in chosen]
+        chosen = chosen.union(*(row for row in self._inertias.values() if chosen & {*row}))
+        return [self.names.index(name) for name in chosen.intersection(self.names)]
 
     def _ties(self) -> dict[str, tuple[str, ...]]:
         """Numbers that all rotors have, by what they are called together."""
@@ -125,12 +138,14 @@ class Unknowns:
     def chosen(self, free: Sequence[str]) -> list[str]:
         """Names that patterns choose, in the order of the file; without patterns, by default."""
         tied = {m for name, row in self.members.items() if name.startswith(_ROTORS) for m in row}
+        said = [*chain(*names_by_keys(self.text).values())] if self.text else self.file
+        placed = [name for name, row in self.members.items() if {*row} <= {*said}]
         by_default = [
             name
-            for name, row in self.members.items()
+            for name in placed
             if _FREE.search(name)
-            and not name.startswith(f"{_PAYLOAD}.")
-            and all(self.file[n] != 0.0 or "_com_" in n for n in row)
+            and name in self._together(name)
+            and all(self.file[n] != 0.0 or "_com_" in n for n in self.members[name])
             # A base that stays where it is weighs on the ground alone.
             and not (name.startswith("base_") and self.module.ATTITUDE == FIXED)
         ]
@@ -139,7 +154,7 @@ class Unknowns:
             return one_by_one
         chosen = dict[str, None]()
         for pattern in free:
-            names = [name for name in self.members if _chooses(pattern, name)]
+            names = [name for name in placed if _chooses(pattern, name)]
             if len(names) > 1:  # A pattern chooses no lengths, and rotors' numbers one by one.
                 names = [name for name in names if name in by_default] or names
             if not names:
@@ -148,17 +163,11 @@ class Unknowns:
                 hint = near(pattern, known) or "."
                 raise UsageError(
                     f"--free {printable(pattern)}: {self.module.NAME} has no such number other "
-                    f"than 0{hint} Free by default: {', '.join(one_by_one)}; `PARAMETERS` of the "
-                    "module has all numbers"
+                    f"than 0 with a key in its file{hint} Free by default: "
+                    f"{', '.join(one_by_one)}; `PARAMETERS` of the module has all numbers"
                 )
             chosen |= dict.fromkeys(names)
-        for name in [*chosen]:  # Of one moment alone some values are those of no body.
-            body, mark, axes = name.rpartition("_inertia_")
-            if mark and axes in AXIS_PAIRS[:3]:
-                others = (f"{body}_inertia_{axes}" for axes in AXIS_PAIRS[:3])
-                chosen |= dict.fromkeys(n for n in others if self.file.get(n))
-            if name.startswith(f"{_PAYLOAD}."):  # Without a mass its place changes nothing.
-                chosen[f"{name.rpartition('_')[0]}_mass"] = None
+        chosen = dict.fromkeys(name for first in chosen for name in self._together(first))
         both = [
             name
             for name in chosen
@@ -169,25 +178,40 @@ class Unknowns:
             raise UsageError(f"--free {both[0]}: {member} is free by itself too; give one of them")
         return [name for name in self.members if name in chosen]
 
-    def _bodies_of(self) -> dict[str, tuple[str, ...]]:
-        """Names of moments and products of inertia that are free, by bodies, where three are."""
-        bodies = {}
-        for name in self.names:
-            body, mark, axes = name.rpartition("_inertia_")
-            if mark and axes == "xx":
-                names = tuple(f"{body}_inertia_{axes}" for axes in AXIS_PAIRS)
-                listed = tuple(n for n in names if n in self.names)
-                if {*names[:3]} <= {*listed} and "section" not in body:
-                    bodies[body] = listed
-        return bodies
+    def _together(self, name: str) -> tuple[str, ...]:
+        """Names that are free where one is chosen: others with it, or in its stead."""
+        if name.startswith(f"{_PAYLOAD}."):  # Without a mass its place changes nothing.
+            return f"{name.rpartition('_')[0]}_mass", name
+        row = self._inertias.get(name.rpartition("_inertia_")[0], {name: 3})
+        # Of one moment alone some values are those of no body.
+        return tuple(n for n, place in row.items() if place < 3 or row.get(name, 0) >= 3)
 
-    def _inertia(self, body: str) -> list[float]:
-        return [self.file.get(f"{body}_inertia_{axes}", 0.0) for axes in AXIS_PAIRS]
+    def _entries(self) -> dict[str, dict[str, int]]:
+        """By bodies the entries of inertia that can be free, and what each scales.
+
+        That is its extent along an axis, 0 to 2, or an entry of a Cholesky factor, 3 to 5.
+        """
+        bodies, rows = [name.rpartition("_inertia_") for name in self.file], {}
+        for body in dict.fromkeys(body for body, _, axes in bodies if axes in AXIS_PAIRS[:3]):
+            names = _numbers_of(body)[4:]
+            moments = self._second_moments(body)
+            least = _THIN * float(np.trace(moments))
+            along = [k for k in range(3) if abs(moments[k, k]) > least]
+            about = [[], [(k + 1) % 3 for k in along], along[::-1], along][len(along)]
+            if np.linalg.eigvalsh(moments)[0] > least and all(map(self.file.get, names)):
+                about = along = [*range(6)]
+            rows[body] = {names[i]: k for i, k in zip(about, along, strict=True)}
+        return rows
+
+    def _second_moments(self, body: str) -> Array:
+        """Second moments (3, 3) of a body in the robot file about its centre of mass, kg m²."""
+        inertia = inertia_matrix([self.file.get(name, 0.0) for name in _numbers_of(body)[4:]])
+        return np.asarray(0.5 * np.trace(inertia) * np.eye(3) - inertia, np.float64)
 
     def _gyration(self, body: str) -> float:
         """The radius of gyration, m, of a body; 1 cm of a point."""
-        mass, inertia = self.file.get(f"{body}_mass", 0.0), self._inertia(body)
-        return max(float(np.sqrt(sum(inertia[:3]) / (2 * mass))), 0.01) if mass > 0.0 else 0.01
+        mass, moments = self.file.get(f"{body}_mass", 0.0), self._second_moments(body)
+        return max(float(np.sqrt(np.trace(moments) / mass)), 0.01) if mass > 0.0 else 0.01
 
     def parameters(self, z: Array) -> dict[str, float]:
         """Parameters of the module, those that differ from the robot file, by unknowns (f)."""
@@ -214,11 +238,10 @@ class Unknowns:
         """Numbers of a body with a point that has a mass."""
         names = _numbers_of(body)
         mass, *rest = (unloaded[name] for name in names)
-        centre, inertia = np.array(rest[:3]), inertia_matrix(rest[3:])
-        whole, away = mass + load, place - centre
-        moved = inertia + mass * load / whole * (away @ away * np.eye(3) - np.outer(away, away))
-        centre = (mass * centre + load * place) / whole
-        return dict(zip(names, [whole, *centre.tolist(), *entries_of(moved)], strict=True))
+        of_file = RigidBody(0.0, mass, vector(rest[:3]), entries_of(inertia_matrix(rest[3:])))
+        added = RigidBody(0.0, load, vector(place))
+        whole = composite([(of_file, HERE), (added, HERE)], snap=False)
+        return dict(zip(names, [whole.mass, *whole.com, *whole.inertia], strict=True))
 
     def _without_loads(self, z: Array) -> dict[str, float]:
         """Parameters without loads."""
@@ -230,22 +253,18 @@ class Unknowns:
             for member in self.members[name]:
                 p = self.file[member]
                 changed[member] = p * float(np.exp(value)) if scale is None else p + scale * value
-        for body, names in self._bodies.items():
-            changes = [z[self.names.index(name)] for name in names]
-            entries = self._second_moments(body, np.array(changes))
-            listed = dict(
-                zip((f"{body}_inertia_{axes}" for axes in AXIS_PAIRS), entries, strict=True)
-            )
-            changed |= {name: value for name, value in listed.items() if name in self.file}
+        for body, row in self._inertias.items():
+            changes, listed = np.zeros(6), [name for name in row if name in self.names]
+            changes[[row[n] for n in listed]] = [z[self.names.index(n)] for n in listed]
+            entries = self._scaled(self._second_moments(body), changes, len(listed) == 6)
+            pairs = zip(_numbers_of(body)[4:], entries, strict=True)
+            changed |= {name: entry for name, entry in pairs if listed and name in self.file}
         return changed
 
-    def _second_moments(self, body: str, changes: Array) -> tuple[float, ...]:
+    def _scaled(self, moments: Array, changes: Array, products: bool) -> tuple[float, ...]:
         """Entries of the inertia of a body whose second moments' Cholesky factor changes."""
-        inertia = inertia_matrix(self._inertia(body))
-        trace = np.trace(inertia)
-        moments = 0.5 * trace * np.eye(3) - inertia + _THIN * trace * np.eye(3)
         size = np.exp(0.5 * changes[:3])
-        if len(changes) == 6:
+        if products:
             factor = np.diag(size)
             factor[_LOWER] = changes[3:]
             whole = np.linalg.cholesky(moments) @ factor

@@ -11,6 +11,7 @@ from support.machines import base, link, machine
 
 from gibbs_codegen import UsageError, generate, identify, load, parse_robot
 from gibbs_codegen.cli.identify import run as command
+from gibbs_codegen.errors import Fault, RobotFileError
 from gibbs_codegen.identification.model import Model
 from gibbs_codegen.identification.recorded import Recording
 from gibbs_codegen.identification.unknowns import Unknowns
@@ -108,6 +109,31 @@ def test_a_fit_that_does_not_settle_says_so_and_writes_no_robot_file(
     assert command(argparse.Namespace(**options)) == 1
     assert "did not converge" in capsys.readouterr().err
     assert {path.name for path in (tmp_path / "new").iterdir()} == {"report.txt", "report.html"}
+
+
+def test_a_fit_that_settled_is_told_though_no_robot_file_may_have_it(
+    module, tmp_path, monkeypatch
+) -> None:
+    q, u = moved(module, 1.5)
+
+    def refused(*_):
+        raise RobotFileError("arm", [Fault("link[1].mass", "must not be", 3)])
+
+    monkeypatch.setattr("gibbs_codegen.identification.identify.with_numbers", refused)
+    found = identify(module, Recording(STEP * np.arange(len(q)), u, q), [*REAL])
+    found.write(tmp_path / "new")
+    text = (tmp_path / "new" / "report.txt").read_text("utf-8")
+    assert (found.settled, found.robot_file) == (True, "")
+    assert "must not have these numbers" in text.splitlines()[0]
+    assert "arm:3: link 2: mass: must not be" in text
+    assert np.isfinite(found.deviations).all()
+    assert not (tmp_path / "new" / "arm.toml").exists()
+
+
+def test_numbers_are_looked_for_before_a_log_is_read(module, tmp_path) -> None:
+    (tmp_path / "log").write_text("no log")
+    with pytest.raises(UsageError, match="--free elbow_bogus: arm has no such number other"):
+        identify(module, tmp_path / "log", ["elbow_bogus"])
 
 
 def test_a_base_on_the_ground_is_not_free_by_default(module) -> None:

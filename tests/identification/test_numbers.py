@@ -11,6 +11,7 @@ import pytest
 from support.actuated import TEXT
 
 from gibbs_codegen.cli import identify, robot_argument
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.sweeps.sources import robot_data
 from gibbs_codegen.identification.identify import doubted, unseen
@@ -19,9 +20,12 @@ from gibbs_codegen.identification.robot_file import with_numbers
 from gibbs_codegen.identification.smoothing import Estimate, Smoother
 from gibbs_codegen.identification.unknowns import Unknowns
 from gibbs_codegen.pipeline import generate
-from gibbs_codegen.robot.file import parse_robot, read_robot
+from gibbs_codegen.robot.description import Description
+from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
 from gibbs_codegen.robot.parts.body import inertia_fault
 from gibbs_codegen.runtime.load import load
+from gibbs_codegen.symbolic.tape import Tape
+from gibbs_codegen.verification.parameters import parameter_values
 
 ROBOT = "hextilt_flying_arm_5"  # Its bodies have products of inertia.
 
@@ -109,6 +113,35 @@ def test_one_moment_frees_all_of_its_body(module) -> None:
     assert names == ["base_inertia_xx", "base_inertia_yy", "base_inertia_zz"]
 
 
+def test_thin_rods_and_plates_have_as_many_numbers_as_extents(tmp_path) -> None:
+    """Of a rod one moment, of a plate two: they stay in the ratios, or sums, of such bodies."""
+    numbers = {"rod_mass": 1.0, "rod_inertia_xx": 0.2, "rod_inertia_yy": 0.2, "base_mass": 1.0}
+    numbers |= {"base_inertia_xx": 0.5, "base_inertia_yy": 0.3, "base_inertia_zz": 0.2}
+    stand_in = SimpleNamespace(
+        NAME="flat", PARAMETERS=numbers, INPUTS=(), FRAMES=(), ATTITUDE="xyz"
+    )
+    unknowns = Unknowns(stand_in, ["rod_inertia_yy", "base_inertia_xx"], 0.3)
+    assert unknowns.names == ["rod_inertia_xx", "base_inertia_yy", "base_inertia_zz"]
+    found = unknowns.parameters(np.array([np.log(1.5), 0.2, -0.3]))
+    assert found["rod_inertia_xx"] == found["rod_inertia_yy"] == pytest.approx(0.3)
+    assert found["base_inertia_yy"] == pytest.approx(0.3 * np.exp(0.2))
+    assert found["base_inertia_zz"] == pytest.approx(0.2 * np.exp(-0.3))
+    parts = found["base_inertia_yy"] + found["base_inertia_zz"]
+    assert found["base_inertia_xx"] == pytest.approx(parts, rel=1e-14)
+
+
+def test_a_number_without_a_key_of_its_own_is_refused(tmp_path) -> None:
+    """The place of a hold in the world, which changes as it is commanded."""
+    (tmp_path / "robot.toml").write_text(
+        f'{TEXT}[[constraint]]\nname = "hold"\ntype = "point"\nframe = "tip"\nxyz = [0, 0, 1]\n'
+    )
+    numbers = {"constraint_hold_z": 1.0, "upper_mass": 0.2}
+    like = SimpleNamespace(NAME="held", PARAMETERS=numbers, INPUTS=(), FRAMES=(), ATTITUDE="xyz")
+    like.__path__ = [tmp_path]
+    with pytest.raises(UsageError, match=r"with a key in its file.*Free by default: upper_mass;"):
+        Unknowns(like, ["constraint_hold_z"], 0.3)
+
+
 def test_slopes_are_those_of_the_values(module) -> None:
     unknowns = Unknowns(module, ["base_*"], 0.3)
     z = 0.2 * np.random.default_rng(1).standard_normal(len(unknowns.names))
@@ -166,9 +199,43 @@ def test_a_thrust_curve_takes_the_place_of_the_greatest_thrust() -> None:
     assert [rotor.drive.curve for rotor in robot.thrusters] == [(0.0, 1.0, 2.0)] * 4
 
 
-def test_what_does_not_stand_in_the_file_is_refused() -> None:
-    with pytest.raises(UsageError, match="has no value of its own in the robot file"):
-        with_numbers(read_robot("quadrotor_arm_2link")[1], {"forearm_armature": 0.1}, {})
+def test_keys_that_a_file_leaves_out_are_added_where_they_belong() -> None:
+    """Also those whose defaults follow other keys, and in place of keys that say the same."""
+    text = TEXT.replace("position            = [0.2, 0.2, 0.02]", "radius = 0.3\nazimuth_deg = 40")
+    text = text.replace("friction = { coulomb = 0.005, velocity = 0.2 }", "friction.coulomb = 0.01")
+    changes = {"gravity": 9.8, "battery_voltage_4": 16.5, "wrist_inertia_xy": 1e-6}
+    changes |= {"front_left_x": 0.25, "front_left_time_down": 0.06, "tip": 1.0}
+    changes |= {"wrist_friction_static": 0.02, "wrist_friction_velocity": 0.3}
+    new = with_numbers(text, changes, {"wrist_friction_static": "0.02 ± 0.001"})
+    assert "friction.static = 0.02  # 0.02 ± 0.001" in new.splitlines()
+    before, after = parameter_values(parse_robot(text)), parameter_values(parse_robot(new))
+    changed = {name for name, value in after.items() if value != before[name]}
+    assert changed == changes.keys() - {"tip"}
+    assert all(after[name] == changes[name] for name in changed)
+
+
+def _text(name: str) -> str:
+    return TEXT if name == "actuated" else read_robot(name)[1]
+
+
+@pytest.mark.parametrize("name", [*shipped_robots(), "actuated"])
+@pytest.mark.parametrize("zeros", [False, True])
+def test_numbers_free_by_default_make_a_robot_file(name: str, zeros: bool, tmp_path) -> None:
+    """Of thin rods, sections, wheels and static frictions too, with zeros and without."""
+    robot = parse_robot(_text(name))
+    symbols = SymbolicRobot.of(robot, Tape(), zeros)
+    stand_in = SimpleNamespace(NAME=name, PARAMETERS=symbols.parameters.defaults)
+    vars(stand_in).update(__path__=[tmp_path], ATTITUDE=robot.kind, **Description(robot).lists())
+    (tmp_path / "robot.toml").write_text(_text(name))
+    unknowns = Unknowns(stand_in, [], 0.3)
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        numbers = unknowns.parameters(0.02 * rng.standard_normal(len(unknowns.names)))
+        after = parameter_values(parse_robot(with_numbers(_text(name), numbers, {})))
+        before = parameter_values(robot)
+        for number, value in after.items():
+            wanted = numbers.get(number, before[number])
+            assert value == pytest.approx(wanted, rel=1e-5, abs=1e-12), number
 
 
 def test_noise_is_told_from_motion() -> None:
@@ -316,7 +383,7 @@ def test_names_are_those_of_the_file_and_what_may_be_zero_keeps_zeros(
         "free": [free],
         "prior": [],
         "hold_out": 0.0,
-        "between": (0.0, np.inf),
+        "between": None,
         "room": None,
         "scenario": None,
     }

@@ -172,20 +172,21 @@ def _joined(*words: str) -> str:
 
 def all_keys(part: Part) -> dict[str, Any]:
     """The numbers of a part that can be parameters, by their keys in a file."""
-    return {_key(part, name): getattr(part, name) for name in part.parameters()}
+    return {file_key(part, name): getattr(part, name) for name in part.parameters()}
 
 
 def changed_keys(part: Part, *left_out: str) -> dict[str, Any]:
     """The keys of a part in a file that are not the defaults, but for some."""
     values = {key: getattr(part, key.name) for key in fields(part) if key.name not in left_out}
-    return {_key(part, key.name): x for key, x in values.items() if x != _default(key)}
+    return {file_key(part, key.name): x for key, x in values.items() if x != _default(key)}
 
 
 def _default(key: Field[Any]) -> Any:
     return key.default if key.default_factory is MISSING else key.default_factory()
 
 
-def _key(part: Part, name: str) -> str:
+def file_key(part: Part, name: str) -> str:
+    """The key in a file of a field."""
     return str(_declared(type(part))[name].validation_alias or name)
 
 
