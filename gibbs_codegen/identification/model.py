@@ -26,8 +26,9 @@ from gibbs_codegen.machine.steps import runge_kutta_4
 from gibbs_codegen.runtime.loaded_module import gravity_of
 from gibbs_codegen.runtime.program_blocks import BlockProgram, compile_program
 
-# The longest substep, s, the shortest, and how many times the shortest time constant it may be.
-_LONGEST, _SHORTEST, _COVERED = 2.5e-3, 1.7e-3, 0.6
+# The longest substep, s; how many times the shortest time constant it may be, but need not be below
+# `_SHORTEST`, s, for that; and how many times at most, since Runge-Kutta steps diverge from 2.8 on.
+_LONGEST, _COVERED, _SHORTEST, _STABLE = 2.5e-3, 0.6, 1.7e-3, 2.0
 # Changes of q, v and actuators, SI units, by which rates are known: friction is steep about rest.
 _CHANGES = 1e-3, 1.0, 1e-3
 _NEXT = "q_next", "v_next", "x_next"
@@ -99,7 +100,8 @@ class Model:
         part = Program("substep", inputs, outputs)
         derivatives = {"a": change.a, "actuators": change.actuators}
         self.fastest = self._fastest(Program("rates", inputs[:-1], derivatives))
-        substep = np.clip(_COVERED / max(self.fastest, 1.0), _SHORTEST, _LONGEST)
+        time = 1.0 / max(self.fastest, 1.0)
+        substep = min(max(_COVERED * time, _SHORTEST), _STABLE * time, _LONGEST)
         parts = self._parts = math.ceil(h / substep - 1e-3)
         substeps = [dict(zip(_NEXT, (q, v, x), strict=True))]
         for _ in range(parts):

@@ -85,6 +85,19 @@ class Estimate:
     tilt: Array | None = None
 
 
+def _shares(log: Readings, model: Model) -> Array:
+    """Shares (s, nd) of weights, by which a joint's equal readings in a row tell as much as one.
+
+    An encoder's rounding is the same error in all of them.
+    """
+    shares, joints = np.ones(log.has.shape), model.layout.displaced.joints
+    angles = log.q[:, model.layout.q.joints]
+    for column, read, known in zip(shares[:, joints].T, angles.T, log.has[:, joints].T, strict=True):
+        runs = np.cumsum(np.diff(read[known], prepend=np.nan) != 0.0) - 1
+        column[known] = 1.0 / np.sqrt(np.bincount(runs)[runs])
+    return shares
+
+
 class Smoother:
     """Readings of logs, one after the other, and what explains them."""
 
@@ -114,7 +127,7 @@ class Smoother:
             lambda delay: grouped([delayed(x.commands, delay / model.h) for x in logs], mode="edge")
         )
         self._pool = ThreadPoolExecutor(os.cpu_count())
-        has = grouped([log.has for log in logs])
+        has = grouped([log.has * _shares(log, model) for log in logs])
         self.has = np.concatenate([has, np.isfinite(self.felt)], axis=2)
         self.felt = np.nan_to_num(self.felt)
         weights = [np.concatenate([log.deviations, log.felt_deviations]) for log in logs]
