@@ -11,7 +11,7 @@ from itertools import pairwise
 from typing import Any
 
 from gibbs_codegen.arrays.labels import named
-from gibbs_codegen.arrays.nodes import Node, choose, clip, is_all
+from gibbs_codegen.arrays.nodes import Node, choose, is_all, maximum, minimum
 from gibbs_codegen.machine.motor import positive_root
 
 _WORDS = "voltage and current of the battery"
@@ -25,7 +25,11 @@ def discharge(numbers: Mapping[str, Any], charge: Node, rotors: Node) -> tuple[N
     power = named(rotors / numbers["efficiency"] + numbers["auxiliary"], "power")
     voltage, steps = numbers["voltages"][0], len(numbers["voltages"]) - 1.0
     for k, (low, high) in enumerate(pairwise(numbers["voltages"])):
-        voltage = voltage + clip(steps * charge - float(k), 0.0, 1.0) * (high - low)
+        # Its ends go on straight, so that fits find back from charges beyond them.
+        share = steps * charge - float(k)
+        share = maximum(share, 0.0) if k else share
+        share = minimum(share, 1.0) if k + 1.0 < steps else share
+        voltage = voltage + share * (high - low)
     resistance = numbers["resistance"]
     if not is_all(resistance, 0.0):
         root = positive_root(voltage * voltage - 4.0 * resistance * power)

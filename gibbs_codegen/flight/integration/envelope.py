@@ -25,7 +25,7 @@ from gibbs_codegen.flight.attitude import LARGEST_THETA_0
 from gibbs_codegen.flight.control.error_polynomials import error_polynomials
 from gibbs_codegen.flight.control.laws import Gains
 from gibbs_codegen.flight.integration.closed_loop import ClosedLoop
-from gibbs_codegen.flight.plant.actuators import holds
+from gibbs_codegen.flight.plant.actuators import has_battery, holds
 from gibbs_codegen.flight.plant.environment import open_loops
 from gibbs_codegen.flight.plant.vehicle import Array, Flags, Vehicle
 from gibbs_codegen.flight.scenario.parts import PREDICTIVE
@@ -471,7 +471,7 @@ def lag_modes(vehicle: Vehicle) -> list[Mode]:
     still, modes = np.zeros(vehicle.layout.v.size), []
     rest = vehicle.command_of(vehicle.neutral, still, np.zeros(len(vehicle.inputs)))
     x = vehicle.actuator_state_of(rest)
-    for k, name in enumerate(vehicle.actuator_states):
+    for k, name in enumerate(vehicle.actuator_states[: len(x) - has_battery(vehicle)]):
         unit = np.eye(len(x))[k]
         # Far from rest both time constants of levels are met, and near it references, whose rates
         # have limits.
