@@ -14,10 +14,11 @@ import numpy as np
 from gibbs_codegen.errors import RobotFileError, UsageError, printable
 from gibbs_codegen.files.staging import new_place
 from gibbs_codegen.flight.logs.log import recorded_of, require_log
+from gibbs_codegen.flight.plant.actuators import has_battery
 from gibbs_codegen.flight.plant.vehicle import Vehicle
 from gibbs_codegen.flight.record.flight import Flight, flight_file, read_flight
 from gibbs_codegen.flight.vectors import Array
-from gibbs_codegen.identification.model import Model
+from gibbs_codegen.identification.model import OUTLIER, Model
 from gibbs_codegen.identification.recorded import (
     Readings,
     Recording,
@@ -214,8 +215,17 @@ def identify(
         start = estimate.shared
     if start is begin or estimate.settled or not first.blind:
         smoother, estimate = fitted(readings, start, "all samples")
+    unfit, charged = first.blind and not estimate.settled, has_battery(model.vehicle)
+    if first.blind and charged and (rest or unfit):
+        words = (
+            "%s: accelerations alone, not fitted or predicted, tell no battery's charge; log a pose"
+        )
+        _log.warning(words, ", ".join(sources))
+        rest = []
     held_out = Regression(model, unknowns, rest) if rest and first.blind else None
-    if first.blind and not estimate.settled:
+    if unfit and not charged:
+        words = "%s: no motion explains the readings, so accelerations alone are fitted"
+        _log.warning(words, ", ".join(sources))
         return _by_accelerations(Regression(model, unknowns, readings), held_out, sources)
     if estimate.settled:
         progress("deviations", 0.0)
@@ -316,7 +326,8 @@ def _by_motion(
     measured = np.flatnonzero(np.isfinite(estimate.misses).any(axis=0))
     if smoother.late:  # Nothing reads the pose.
         measured = np.setdiff1d(measured, smoother.model.layout.displaced.base)
-    spread = np.sqrt(np.nanmean(np.clip(estimate.misses[:, measured], -3, 3) ** 2, axis=0))
+    misses = np.clip(estimate.misses[:, measured], -OUTLIER, OUTLIER)
+    spread = np.sqrt(np.nanmean(misses**2, axis=0))
     # What is not explained by noise makes numbers less certain than noise alone would.
     doubt = max(1.0, float(spread.max()), float(estimate.left.max())) ** 2
     whole = doubted(estimate.covariance, smoother.prior, doubt)

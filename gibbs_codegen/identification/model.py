@@ -31,6 +31,8 @@ from gibbs_codegen.runtime.program_blocks import BlockProgram, compile_program
 _LONGEST, _COVERED, _SHORTEST, _STABLE = 2.5e-3, 0.6, 1.7e-3, 2.0
 # Changes of q, v and actuators, SI units, by which rates are known: friction is steep about rest.
 _CHANGES = 1e-3, 1.0, 1e-3
+# Deviations from which on what is off weighs less (Huber).
+OUTLIER = 3.0
 _NEXT = "q_next", "v_next", "x_next"
 
 

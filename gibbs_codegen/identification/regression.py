@@ -17,7 +17,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.flight.vectors import Array
-from gibbs_codegen.identification.model import Model
+from gibbs_codegen.identification.model import OUTLIER, Model
 from gibbs_codegen.identification.recorded import DELAY, Readings, delayed, felt_names
 from gibbs_codegen.identification.unknowns import Unknowns
 
@@ -25,8 +25,8 @@ _log = logging.getLogger("gibbs_codegen")
 # What is faster is left out, Hz; so is what is slower of turns of the base, since no log tells how
 # fast it goes, and the air turns it by that.
 _FAST, _SLOW = 10.0, 2.0
-# Samples of a period of what is left, s at both ends that filters spoil, outliers by deviations.
-_SAMPLES, _EDGE, _OUTLIER = 5, 0.4, 3.0
+# Samples of a period of what is left, and s at both ends that filters spoil.
+_SAMPLES, _EDGE = 5, 0.4
 # Every how many commands tell how actuators follow.
 _SPARSE = 20
 # Changes of unknowns, and of the delay over its deviation: for differences, and at most; the share
@@ -131,7 +131,7 @@ class Regression:
         slopes = np.stack([(m - misses) / s for m, s in zip(moved, steps, strict=True)], axis=-1)
         size = np.maximum(np.sqrt(np.mean(misses**2, axis=0)), 1e-9)
         misses = misses / size
-        robust = np.sqrt(np.minimum(1.0, _OUTLIER / np.maximum(np.abs(misses), 1e-9)))
+        robust = np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(misses), 1e-9)))
         flat = (slopes * (robust / size)[..., np.newaxis]).reshape(-1, len(y))
         flat_misses = (misses * robust).ravel()
         normal, sums = flat.T @ flat, self._sums(flat * flat_misses[:, np.newaxis])

@@ -30,7 +30,7 @@ from threadpoolctl import threadpool_limits
 
 from gibbs_codegen.flight.plant.actuators import has_battery
 from gibbs_codegen.flight.vectors import Array
-from gibbs_codegen.identification.model import MachineNumbers, Model
+from gibbs_codegen.identification.model import OUTLIER, MachineNumbers, Model
 from gibbs_codegen.identification.recorded import DELAY, Readings, delayed
 from gibbs_codegen.identification.unknowns import Unknowns
 
@@ -43,8 +43,6 @@ _BIASES, _DRAG = (0.3, 0.05), 1.0
 _RESTING, _CHARGE = 1e-2, 0.5
 # Time, s, in which the wind's pull decays, its deviation at first, m/s², and the least.
 _WIND_TIME, _WIND, _CALM = 1.0, 0.3, 0.01
-# Readings that are off by more of their deviations weigh less (Huber).
-_OUTLIER = 3.0
 _STEP = 1e-6
 # Time from state to state of what flies, s; states at a time, which stay in the cache; every how
 # many tell how certain they are.
@@ -60,8 +58,8 @@ _APART, _UNLIKELY, _POINTS = 1.4, 0.9, 5
 _SLACKS, _WAIT, _NEAR = (30.0, 10.0, 3.0), 8, 10.0
 # Iterations in a row, after which a fit ends that comes no nearer.
 _STUCK = 6
-# The least share of a change that is taken.
-_LEAST = 0.1
+# The least share of a change that is taken, and final iterations of the motion with a battery.
+_LEAST, _MOTIONS = 0.1, 4
 
 
 @dataclass
@@ -91,9 +89,9 @@ def _shares(log: Readings, model: Model) -> Array:
     An encoder's rounding is the same error in all of them.
     """
     shares, joints = np.ones(log.has.shape), model.layout.displaced.joints
-    angles = log.q[:, model.layout.q.joints]
-    for column, read, known in zip(shares[:, joints].T, angles.T, log.has[:, joints].T, strict=True):
-        runs = np.cumsum(np.diff(read[known], prepend=np.nan) != 0.0) - 1
+    columns = shares[:, joints].T, log.has[:, joints].T, log.q[:, model.layout.q.joints].T
+    for column, known, angles in zip(*columns, strict=True):
+        runs = np.cumsum(np.diff(angles[known], prepend=np.nan) != 0.0) - 1
         column[known] = 1.0 / np.sqrt(np.bincount(runs)[runs])
     return shares
 
@@ -152,7 +150,8 @@ class Smoother:
         }
         self.first["pull"] = np.zeros((len(self.q), model.pulls))
         self._at_first = 1.0 / np.maximum(np.std(self.first["x"], axis=0), _RESTING)
-        if has_battery(model.vehicle):  # Nobody knows how far it is charged.
+        self._battery = has_battery(model.vehicle)
+        if self._battery:  # Nobody knows how far it is charged.
             self._at_first[-1] = 1.0 / _CHARGE
 
     def start(self) -> Estimate:
@@ -212,13 +211,17 @@ class Smoother:
         given |= {f"read_{k}": seen[f"seen_{k}"] for k in range(self.samples)}
         here = self._told(shared, given, np.zeros(n), rows)["off"]
         off = slopes[..., : reads + n - model.pulls]
-        for place, way in enumerate(_STEP * np.eye(n + free - len(biases), n + len(shared))):
-            off[place] = self._told(shared + way[n:], given, way[:n], rows)["off"] - here
+        ways = _STEP * np.eye(n + free - len(biases), n + len(shared))
+        if free and self._battery:  # Slopes of its charge bend: at one place they say too much.
+            ways[n - model.pulls - 1] *= _CHARGE / _STEP
+        for place, way in enumerate(ways):
+            moved = self._told(shared + way[n:], given, way[:n], rows)["off"]
+            off[place] = (moved - here) * (_STEP / way.max())
         heavy = np.concatenate([self._weights[rows], weights * self.follows[rows]], axis=1)
         slopes *= heavy / _STEP
         slopes[-1] = residuals[rows]
         misses = np.abs(residuals[rows, :reads])
-        slopes[..., :reads] *= np.sqrt(_OUTLIER / np.maximum(misses, _OUTLIER))
+        slopes[..., :reads] *= np.sqrt(OUTLIER / np.maximum(misses, OUTLIER))
         return slopes
 
     def _part(self, estimate: Estimate, free: int, residuals: Array, rows: slice) -> list[Array]:
@@ -445,6 +448,9 @@ class Smoother:
                     continue
                 estimate.settled = True
                 break
+        for _ in range(_MOTIONS * self._battery):
+            local = self._solved(estimate, 0)[2](np.zeros(0))
+            estimate.state = self.model.moved(estimate.state, local)
         misses, gaps, _ = self._residuals(estimate)
         estimate.left = np.sqrt(np.mean(gaps**2, axis=0))
         misses = np.where(self._weights > 0.0, misses, np.nan)

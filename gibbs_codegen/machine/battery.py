@@ -11,7 +11,7 @@ from itertools import pairwise
 from typing import Any
 
 from gibbs_codegen.arrays.labels import named
-from gibbs_codegen.arrays.nodes import Node, choose, is_all, maximum, minimum
+from gibbs_codegen.arrays.nodes import Node, choose, is_all, maximum
 from gibbs_codegen.machine.motor import positive_root
 
 _WORDS = "voltage and current of the battery"
@@ -23,13 +23,12 @@ def discharge(numbers: Mapping[str, Any], charge: Node, rotors: Node) -> tuple[N
     `numbers` are by the keys of the robot file. No charge is left below 0.
     """
     power = named(rotors / numbers["efficiency"] + numbers["auxiliary"], "power")
-    voltage, steps = numbers["voltages"][0], len(numbers["voltages"]) - 1.0
-    for k, (low, high) in enumerate(pairwise(numbers["voltages"])):
-        # Its ends go on straight, so that fits find back from charges beyond them.
-        share = steps * charge - float(k)
-        share = maximum(share, 0.0) if k else share
-        share = minimum(share, 1.0) if k + 1.0 < steps else share
-        voltage = voltage + share * (high - low)
+    voltages, steps = numbers["voltages"], len(numbers["voltages"]) - 1.0
+    rises = [high - low for low, high in pairwise(voltages)]
+    # It bends in between, and beyond its ends goes on straight, so that fits find back from there.
+    voltage = voltages[0] + steps * charge * rises[0]
+    for k, (before, after) in enumerate(pairwise(rises), 1):
+        voltage = voltage + maximum(steps * charge - float(k), 0.0) * (after - before)
     resistance = numbers["resistance"]
     if not is_all(resistance, 0.0):
         root = positive_root(voltage * voltage - 4.0 * resistance * power)

@@ -6,6 +6,7 @@ import argparse
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 from support.emitted import compiled_module
 from support.machines import base, link, machine
 
@@ -149,15 +150,41 @@ def test_coordinates_without_readings_are_refused(module) -> None:
         identify(module, Recording(STEP * np.arange(300), np.zeros((300, 2)), q))
 
 
-@pytest.mark.parametrize(("stiffness", "damping"), [(40.0, 0.9), (40.0, 3.0)])
+def test_an_arm_that_rests_is_read_once_by_an_encoder_that_rounds(module) -> None:
+    """Its rounding is the same error in all readings, of which the mean would be far too sure."""
+    time, sizes = STEP * np.arange(800), np.array([0.2, 0.3])
+
+    def motion(t: np.ndarray) -> list[np.ndarray]:
+        phase = np.pi * np.clip(t - 3.0, 0.0, 1.0)[:, np.newaxis]
+        a = np.pi**2 * np.cos(phase) * (phase > 0.0)
+        return [
+            [0.4014, 0.3014] + sizes * (1.0 - np.cos(phase)),
+            sizes * np.pi * np.sin(phase),
+            sizes * a,
+        ]
+
+    sent = module.inverse_dynamics(*motion(time + 0.5 * STEP))
+    sent += 2e-3 * np.random.default_rng(0).standard_normal(sent.shape)
+    read = 3e-3 * np.round(motion(time)[0] / 3e-3)
+    found = identify(module, Recording(time, sent, read), ["elbow_mass"])
+    assert found.settled
+    assert abs(found.values[0] - module.PARAMETERS["elbow_mass"]) < 3.0 * found.deviations[0]
+
+
+@pytest.mark.parametrize(("stiffness", "damping"), [(40.0, 0.9), (40.0, 3.0), (40.0, 200.0)])
 def test_substeps_follow_the_fastest_rate_of_a_servo(stiffness: float, damping: float) -> None:
     """The greater root of J s² + d s + k, or its size where there are two like it."""
     pole, servo = 0.02, {"stiffness": stiffness, "damping": damping}
     text = machine(
         "pole",
         base(1, [0.02, 0.02, 0.03], motion="fixed"),
-        link("arm", "z", [0, 0, 0], 1, [0, 0, 0], [pole, pole, pole], servo=servo, effort=10),
+        link("arm", "z", [0, 0, 0], 1, [0, 0, 0], [pole, pole, pole], servo=servo, effort=1e3),
     )
     model = Model(compiled_module(parse_robot(text)), 5e-3, [], np.full(1, 1e-3))
     roots = np.roots([pole, damping, stiffness])
     assert model.fastest == pytest.approx(np.abs(roots).max(), rel=1e-3)
+    state = {"q": np.array([0.01]), "v": np.zeros(1), "x": np.zeros(model.nx), "pull": np.zeros(1)}
+    for _ in range(20):
+        state |= model(state, model.machine({}), command=np.zeros(1), drag=0.0)[0]
+    exact = expm(0.1 * np.array([[0.0, 1.0], [-stiffness / pole, -damping / pole]])) @ [0.01, 0.0]
+    np.testing.assert_allclose([*state["q"], *state["v"]], exact, atol=1e-5)
