@@ -217,9 +217,7 @@ def identify(
         smoother, estimate = fitted(readings, start, "all samples")
     unfit, charged = first.blind and not estimate.settled, has_battery(model.vehicle)
     if first.blind and charged and (rest or unfit):
-        words = (
-            "%s: accelerations alone, not fitted or predicted, tell no battery's charge; log a pose"
-        )
+        words = "%s: accelerations do not tell a battery's charge, so they are left out; log a pose"
         _log.warning(words, ", ".join(sources))
         rest = []
     held_out = Regression(model, unknowns, rest) if rest and first.blind else None
@@ -448,6 +446,9 @@ def _advice(unknowns: Unknowns) -> tuple[str, ...]:
     if lacking and unknowns.module.BODIES:
         words = " and ".join(lacking)
         advice.append(f"add {words} to the links of the robot file whose joints rub")
+    vehicle = Vehicle(unknowns.module)
+    if vehicle.rotors and not vehicle.layout.moves_freely:
+        advice.append("fly in calm air: of a planar base the fit knows neither wind nor drag")
     advice.append("take a shorter part of the log, in which nothing touches it (--between)")
     return (*advice, "the greatest residuals below show what the robot file lacks")
 

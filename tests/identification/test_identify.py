@@ -384,4 +384,12 @@ def test_accelerations_do_not_take_a_battery_as_full(battery_drone, monkeypatch,
     recording = discharging(battery_drone, 0.4, 4.0, False)
     found = identify(battery_drone, recording, ["rotors.thrust_?"], hold_out=0.3)
     assert (found.settled, found.prediction) == (False, {})
-    assert "not fitted or predicted, tell no battery's charge; log a pose" in caplog.text
+    assert "accelerations do not tell a battery's charge" in caplog.text
+
+
+def test_planar_bases_have_no_wind_and_a_fit_that_does_not_settle_says_so(monkeypatch) -> None:
+    monkeypatch.setattr("gibbs_codegen.identification.smoothing._MOST", 1)
+    planar = load("planar_quadrotor_arm", backend="c")
+    q, u = np.zeros((300, len(planar.COORDINATES))), np.zeros((300, len(planar.INPUTS)))
+    found = identify(planar, Recording(5e-3 * np.arange(300), u, q), ["base_mass"])
+    assert any("neither wind nor drag" in words for words in found.advice)
