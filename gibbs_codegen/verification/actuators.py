@@ -201,9 +201,12 @@ class ActuatorOracle:
 
     def _discharge(self, battery: Battery, levels: Array, charge: Array) -> _Discharge:
         """Current, voltage and rate of charge of the battery at levels of rotors and a charge."""
+        from scipy.interpolate import interp1d  # Late, as SciPy takes long to import.
+
         power, resistance = self._power(battery, levels), battery.resistance
         places = np.linspace(0.0, 1.0, len(battery.voltages))
-        unloaded, largest = np.interp(charge, places, battery.voltages), 2 * max(battery.voltages)
+        unloaded = interp1d(places, battery.voltages, fill_value="extrapolate")(charge)
+        largest = 2 * max(battery.voltages)
         margin = unloaded**2 - 4.0 * resistance * power.value
         voltage = 0.5 * (unloaded + np.sqrt(np.maximum(margin, 0.0)))
         with np.errstate(divide="ignore"):  # The root of nearly nothing has no digits.
