@@ -189,7 +189,8 @@ class Unknowns:
     def _entries(self) -> dict[str, dict[str, int]]:
         """By bodies the entries of inertia that can be free, and what each scales.
 
-        That is its extent along an axis, 0 to 2, or an entry of a Cholesky factor, 3 to 5.
+        That is its extent along an axis, 0 to 2, or an entry of a Cholesky factor, 3 to 5, or a
+        correlation where other products are 0.
         """
         bodies, rows = [name.rpartition("_inertia_") for name in self.file], {}
         for body in dict.fromkeys(body for body, _, axes in bodies if axes in AXIS_PAIRS[:3]):
@@ -198,8 +199,8 @@ class Unknowns:
             least = _THIN * float(np.trace(moments))
             along = [k for k in range(3) if abs(moments[k, k]) > least]
             about = [[], [(k + 1) % 3 for k in along], along[::-1], along][len(along)]
-            if np.linalg.eigvalsh(moments)[0] > least and all(map(self.file.get, names)):
-                about = along = [*range(6)]
+            if np.linalg.eigvalsh(moments)[0] > least:
+                about = along = [k for k in range(6) if k < 3 or self.file.get(names[k])]
             rows[body] = {names[i]: k for i, k in zip(about, along, strict=True)}
         return rows
 
@@ -270,7 +271,12 @@ class Unknowns:
             whole = np.linalg.cholesky(moments) @ factor
             moments = whole @ whole.T
         else:  # So that entries that are 0 stay so.
-            moments = moments * np.outer(size, size)
+            along = np.sqrt(np.maximum(np.diag(moments), np.finfo(float).tiny))
+            shares = np.clip(moments / np.outer(along, along), -1.0, 1.0)
+            with np.errstate(divide="ignore"):  # Thin bodies have shares of 1.
+                shares[_LOWER] = np.tanh(np.arctanh(shares[_LOWER]) + changes[3:])
+            shares = np.eye(3) + np.tril(shares, -1) + np.tril(shares, -1).T
+            moments = np.outer(size * along, size * along) * shares
         return entries_of(np.trace(moments) * np.eye(3) - moments)
 
     def values(self, z: Array) -> Array:

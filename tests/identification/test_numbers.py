@@ -130,6 +130,24 @@ def test_thin_rods_and_plates_have_as_many_numbers_as_extents(tmp_path) -> None:
     assert found["base_inertia_xx"] == pytest.approx(parts, rel=1e-14)
 
 
+def test_one_product_of_inertia_is_a_number_of_its_own() -> None:
+    """Any body with the planes of symmetry of the file's can be reached, such as this one."""
+    numbers = {"base_mass": 1.8, "base_inertia_xx": 0.021, "base_inertia_yy": 0.026}
+    numbers |= {"base_inertia_zz": 0.038, "base_inertia_yz": 0.001}
+    like = SimpleNamespace(NAME="odd", PARAMETERS=numbers, INPUTS=(), FRAMES=(), ATTITUDE="xyz")
+    unknowns = Unknowns(like, ["base_inertia_*"], 0.3)
+    assert unknowns.names == [*numbers][1:]
+    wanted = np.array([0.023, 0.022, 0.042, 0.0013])
+
+    def second(xx: float, yy: float, zz: float, yz: float) -> tuple[np.ndarray, float]:
+        moments = 0.5 * (xx + yy + zz) - np.array([xx, yy, zz])
+        return moments, np.arctanh(-yz / np.sqrt(moments[1] * moments[2]))
+
+    (new, turn), (old, before) = second(*wanted), second(*list(numbers.values())[1:])
+    z = np.array([*np.log(new / old), turn - before])
+    np.testing.assert_allclose(unknowns.values(z), wanted, rtol=1e-12)
+
+
 def test_a_number_without_a_key_of_its_own_is_refused(tmp_path) -> None:
     """The place of a hold in the world, which changes as it is commanded."""
     (tmp_path / "robot.toml").write_text(
