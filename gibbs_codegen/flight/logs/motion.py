@@ -69,10 +69,10 @@ def base_motion(flight: Flight) -> BaseMotion:
     )
 
 
-def shares(flight: Flight) -> Array:
-    """Commanded inputs (s, nu) as shares of the greatest, NaN where there is no limit."""
+def shares(flight: Flight, inputs: Array) -> Array:
+    """Inputs (s, nu) as shares of the greatest, NaN where there is no limit."""
     most = flight.input_limits[1]
-    return flight.commanded / np.where(np.isfinite(most) & (most > 0.0), most, np.nan)
+    return inputs / np.where(np.isfinite(most) & (most > 0.0), most, np.nan)
 
 
 def new_readings(flight: Flight, entries: Sequence[int]) -> Array:

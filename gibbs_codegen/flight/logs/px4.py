@@ -87,7 +87,7 @@ def topics_of(flight: Flight) -> Topics:
         "accelerometer_integral_dt": since,
     }
     motors = np.full((count, _MOTORS), np.nan)
-    of_rotors = shares(flight)[:, : min(flight.rotors, _MOTORS)]
+    of_rotors = shares(flight, flight.commanded)[:, : min(flight.rotors, _MOTORS)]
     motors[:, : of_rotors.shape[1]] = of_rotors
     places, rates = flight.layout.q.joints, flight.layout.v.joints
     joints = {

@@ -167,10 +167,9 @@ def _commands(flight: Flight) -> dict[str, Array]:
     What is neither a position nor a velocity is a share, of the greatest input where it is one.
     """
     lists: dict[str, list[Array]] = {"position": [], "velocity": [], "normalized": []}
-    of_inputs = shares(flight).T
     units = flight.command_units or flight.input_units
     commands = flight.commands if flight.command_units else flight.commanded
-    for unit, command, share in zip(units, commands.T, of_inputs, strict=True):
+    for unit, command, share in zip(units, commands.T, shares(flight, commands).T, strict=True):
         values = share if unit in ("N", "N m") else command
         lists[_LISTS.get(unit, "normalized")].append(values)
     return {name: np.stack(columns, axis=1) for name, columns in lists.items() if columns}

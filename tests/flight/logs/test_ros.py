@@ -115,7 +115,7 @@ def test_actuators_have_the_lists_of_their_commands(fast: Modules, tmp_path: Pat
     for k, message in enumerate(_read(tmp_path / "driven")[0]["/actuators"]):
         np.testing.assert_array_equal(message.velocity, commands[k, [0, 3]])
         np.testing.assert_array_equal(message.position, commands[k, [4]])
-        expected = [commands[k, 1], shares[k, 2], shares[k, 5]]
+        expected = [commands[k, 1], commands[k, 2] / 7.0, commands[k, 5] / 5.0]
         np.testing.assert_array_equal(message.normalized, expected)
 
 
