@@ -18,6 +18,8 @@ from gibbs_codegen.verification.vectors import Array, Sized
 _HOUR = 3600.0
 # One of so many states takes more than the battery can give: levels grow until it does.
 _OVERLOADED, _STEP, _STEPS = 4, 1.2, 60
+# How far charges are beyond empty and full.
+_BEYOND = 1e-3
 # Share of a friction's velocity in which it is smooth about rest.
 _SMOOTH = 0.1
 
@@ -271,7 +273,8 @@ class ActuatorOracle:
             if rate := servo.command == "position" and servo.rate:
                 reach = 2.0 * rate * servo.delay
             commands[:, place] = levels[:, place] + rng.uniform(-reach, reach, count)
-        charge = rng.uniform(-0.2, 1.2, count)
+        # A little beyond its ends, from where voltages go on straight, far away below 0.
+        charge = np.clip(rng.uniform(-0.2, 1.2, count), -_BEYOND, 1.0 + _BEYOND)
         if battery := self._battery:
             overloaded = np.arange(count) % _OVERLOADED == 0
             for _ in range(_STEPS):
