@@ -22,6 +22,8 @@ from gibbs_codegen.verification.parameters import robot_numbers, with_values
 # Keys of rotors that say the same as others.
 _FORMS = {"position": POLAR_KEYS}
 _FORMS["thrust_curve"] = ("max_thrust", "thrust_model_factor", "thrust_constant")
+# How many times at most a file is compared with what it must say.
+_ROUNDS = 3
 # Parts whose keys are in the table of what has them.
 _FLAT = ("body", "pose", "passive", "rolling")
 
@@ -47,11 +49,12 @@ def with_numbers(text: str, changes: Mapping[str, float], words: Mapping[str, st
     rounded = {n: float(f"{x:.{10 if 'inertia' in n else 6}g}") for n, x in changes.items()}
     robot = with_values(parse_robot(text), rounded)
     wanted = {path: value for path, value in _keys(robot).items() if names[path]}
-    # Again, since defaults of keys may follow others.
-    while changed := wanted.items() - _keys(parse_robot(text, source)).items():
-        for path, value in sorted(changed):
+    # Again, since defaults of keys may follow others; not for ever, where units of keys round.
+    for _ in range(_ROUNDS):
+        for path, value in sorted(wanted.items() - _keys(parse_robot(text, source)).items()):
             notes = [words[name] for name in dict.fromkeys(names[path]) if name in words]
             text = _edited(text, path, value, notes)
+    parse_robot(text, source)
     return text
 
 
